@@ -1,0 +1,3 @@
+from sextant.cli import run_script
+
+run_script("predict")

@@ -1,0 +1,36 @@
+"""The command line: ``sextant <verb>``, and ``train.py``, ``evaluate.py``, ``predict.py``, ``report.py`` beside it."""
+
+import sys
+from importlib import import_module
+
+#: verb -> module with a ``main(arguments)``, and what it does
+VERBS = {
+    "train": ("sextant.cli.train", "train and test a model, or sweep with -m"),
+    "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
+    "predict": ("sextant.cli.predict", "classify a folder of images with a trained model"),
+    "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
+    "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
+    "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
+}
+
+
+def main() -> None:
+    """Entry point of the ``sextant`` command."""
+    run(sys.argv[1] if len(sys.argv) > 1 else "--help", sys.argv[2:])
+
+
+def run(verb: str, arguments: list[str]) -> None:
+    """Run one verb; a user's mistake ends with one message and exit status 2."""
+    if verb not in VERBS:
+        print("usage: sextant <verb> [key=value ...]\n")
+        print("\n".join(f"  {name:<10} {what}" for name, (_, what) in VERBS.items()))
+        sys.exit(0 if verb in ("-h", "--help") else 2)
+    from sextant.cli.console import reporting_mistakes
+
+    with reporting_mistakes():
+        import_module(VERBS[verb][0]).main(arguments)
+
+
+def run_script(verb: str) -> None:
+    """Run one verb with the arguments of the process, for the scripts at the top of the repository."""
+    run(verb, sys.argv[1:])

@@ -1,0 +1,45 @@
+"""What the commands print, and how a user's mistake is told."""
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from sextant.errors import UserError
+
+console = Console(highlight=False, soft_wrap=True)
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def reporting_mistakes() -> Iterator[None]:
+    """Print a user's mistake as one message and exit with status 2; Ctrl-C exits with status 130."""
+    try:
+        yield
+    except UserError as error:
+        print_mistake(error)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.exit(141)
+
+
+def print_mistake(error: UserError) -> None:
+    """One message: what is wrong in red, what to do below it."""
+    errors.print(f"[bold red]Error:[/] {escape(error.problem)}")
+    if error.fix:
+        errors.print(escape(error.fix))
+
+
+def key_value_table(title: str, rows: Mapping[str, str]) -> Table:
+    """A two-column table without lines."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for key, value in rows.items():
+        table.add_row(key, escape(value))
+    return table

@@ -1,0 +1,178 @@
+"""The life of one run: claim its directory, train, test, write the truth, mirror it."""
+
+import time
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import yaml
+
+from sextant.cli.assemble import build_source
+from sextant.cli.console import console
+from sextant.cli.resolve import resolve_run
+from sextant.config import Config, digest, validate
+from sextant.data.source import ImageSource
+from sextant.errors import UserError
+from sextant.runs.atomic import write_atomically
+from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
+from sextant.runs.locks import run_lock
+from sextant.runs.source_tree import source_tree_sha256
+
+if TYPE_CHECKING:
+    from sextant.tracking.mirror import MirroredRun
+
+OutcomeName = Literal["finished", "diverged", "failed"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        outcome: ``diverged`` is a run that finished without having learnt, by the rule of ``evaluation.protocols``, or
+            whose loss became nan; ``failed`` is a run that an error ended.
+        directory: where it lies.
+        reused: it had been finished before.
+        message: why it failed.
+    """
+
+    outcome: OutcomeName
+    directory: Path
+    reused: bool = False
+    message: str = ""
+
+
+def run_key(raw: Mapping[str, Any], config: Config, source: ImageSource) -> RunKey:
+    """Identity of the run that a config describes."""
+    return RunKey(config.task.name, run_digest(raw, config), config.seed, source_tree_sha256(), source.fingerprint())
+
+
+def run_digest(raw: Mapping[str, Any], config: Config) -> str:
+    """Digest of a config; a run that it starts from enters by its own digest and seed, not by its name."""
+    if config.init_from is None:
+        return digest(raw)
+    part = resolve_run(config.init_from, Path(config.paths.outputs))
+    return digest({**raw, "init_from": part.identity})
+
+
+def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
+    """Run what a plain, resolved config describes, unless it is finished already.
+
+    Args:
+        raw: the config.
+        wait: wait for another process that runs the same, rather than give up.
+
+    Raises:
+        UserError: a mistake in the config or the data; the run directory keeps what was reached before.
+        KeyboardInterrupt: the run was interrupted and can be resumed.
+    """
+    config = validate(raw)
+    source = build_source(raw, config)
+    key, outputs = run_key(raw, config, source), Path(config.paths.outputs)
+    with run_lock(outputs / "runs" / key.task, key.name, wait):
+        found = claim(outputs, key, config.reuse)
+        results = found.directory.results()
+        if found.finished and results is not None:
+            return Outcome(results["outcome"], found.directory.path, reused=True)
+        return _Run(found, key, raw, config, source).run()
+
+
+class _Run:
+    """One run, from the claim of its directory to its outcome."""
+
+    def __init__(self, found: Claim, key: RunKey, raw: Mapping[str, Any], config: Config, source: ImageSource):
+        self.directory: RunDirectory = found.directory
+        self.passed_over = found.passed_over
+        self.key, self.raw, self.config, self.source = key, raw, config, source
+        self.mirror: MirroredRun | None = None
+
+    def run(self) -> Outcome:
+        from sextant.cli.show import show_start
+
+        self._begin()
+        show_start(self.raw, self.config, self.directory, self.passed_over)
+        with self._recorded():
+            from sextant.cli.training import train_and_test
+
+            self._open_mirror()
+            results = train_and_test(self.raw, self.config, self.source, self.directory, self.key, self.mirror)
+        return Outcome(results["outcome"], self.directory.path)
+
+    def _begin(self) -> None:
+        path = self.directory.path
+        path.mkdir(parents=True, exist_ok=True)
+        text = yaml.safe_dump(dict(self.raw), sort_keys=False)
+        write_atomically(self.directory.config, lambda file: file.write(text.encode()))
+        earlier = self.directory.state()
+        self.directory.update_state(
+            {
+                **asdict(self.key),
+                "experiment": self.config.tracking.experiment or self.config.task.name,
+                "started": earlier.get("started", time.time()),
+                "failure": None,
+                "params": _flat({k: v for k, v in self.raw.items() if k not in ("paths", "tracking", "sweep")}),
+            }
+        )
+
+    def _open_mirror(self) -> None:
+        from sextant.runs.provenance import provenance
+
+        self.directory.update_state({"provenance": provenance()})
+        tracking = self.config.tracking
+        if tracking.kind == "none":
+            return
+        from sextant.tracking.mirror import open_mirror
+        from sextant.tracking.store import open_store
+
+        store = open_store(tracking.kind, tracking.uri, Path(self.config.paths.outputs))
+        experiment = tracking.experiment or self.config.task.name
+        self.mirror = open_mirror(
+            store, self.directory, experiment=experiment, parent=tracking.parent_run, console=console
+        )
+
+    @contextmanager
+    def _recorded(self) -> Iterator[None]:
+        """Write how the run ended into its directory and its mirror, whatever ends it."""
+        try:
+            yield
+        except BaseException as error:
+            interrupted = isinstance(error, KeyboardInterrupt | SystemExit)
+            message = "interrupted" if interrupted else f"{type(error).__name__}: {error}"
+            if not interrupted and not isinstance(error, UserError):
+                (self.directory.path / "error.log").write_text(traceback.format_exc())
+            self._end(message, "KILLED" if interrupted else "FAILED")
+            if interrupted:
+                raise KeyboardInterrupt from None
+            raise
+        self._end(None, "FINISHED")
+
+    def _end(self, failure: str | None, status: Literal["FINISHED", "FAILED", "KILLED"]) -> None:
+        try:
+            self.directory.update_state({"ended": time.time(), "failure": failure})
+        except OSError as error:  # a full disk must not hide what ended the run
+            console.print(f"[yellow]could not note the end of the run: {error}[/]")
+        if self.mirror is not None:
+            from sextant.tracking.mirror import finish_mirror
+
+            finish_mirror(self.mirror, self.directory, status, checkpoint=self.config.tracking.log_checkpoint)
+
+
+def execute_cell(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Run one cell of a sweep: like :func:`execute`, but an error becomes an outcome and the sweep goes on."""
+    try:
+        outcome = execute(raw, wait=True)
+    except KeyboardInterrupt:
+        raise
+    except Exception as error:
+        diverged = type(error).__name__ == "LossNotFiniteError"
+        outcome = Outcome("diverged" if diverged else "failed", Path(), message=f"{type(error).__name__}: {error}")
+    return asdict(replace(outcome, directory=outcome.directory)) | {"directory": str(outcome.directory)}
+
+
+def _flat(node: Any, prefix: str = "") -> dict[str, Any]:
+    if not isinstance(node, Mapping):
+        return {prefix.rstrip("."): node}
+    return {key: value for name, inner in node.items() for key, value in _flat(inner, f"{prefix}{name}.").items()}

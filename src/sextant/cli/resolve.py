@@ -1,0 +1,62 @@
+"""Finding a run by its MLflow id, its directory or its checkpoint."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from sextant.errors import UserError
+from sextant.runs.directory import RunDirectory, all_runs
+
+
+@dataclass(frozen=True)
+class FoundRun:
+    """A trained model.
+
+    Attributes:
+        checkpoint: its checkpoint.
+        directory: its run directory; None for a checkpoint that lies elsewhere.
+    """
+
+    checkpoint: Path
+    directory: RunDirectory | None
+
+    @property
+    def identity(self) -> str:
+        """What it is, whatever it is called: digest and seed of its run, or the hash of a lone checkpoint."""
+        if self.directory is not None:
+            state = self.directory.state()
+            return f"run:{state.get('digest')}-s{state.get('seed')}/{self.checkpoint.name}"
+        return "file:" + hashlib.sha256(self.checkpoint.read_bytes()).hexdigest()
+
+
+def resolve_run(reference: str, outputs: Path) -> FoundRun:
+    """The run that ``reference`` names: an MLflow run id, a run directory or its name, or a checkpoint file.
+
+    Raises:
+        UserError: there is no such run, or it has no checkpoint yet; lists the runs there are.
+    """
+    path = Path(reference).expanduser()
+    if path.is_file():
+        parent = RunDirectory(path.absolute().parent.parent)
+        return FoundRun(path.absolute(), parent if parent.state() else None)
+    for candidate in (path, outputs / path, *outputs.glob(f"runs/*/{reference}")):
+        if candidate.is_dir() and RunDirectory(candidate).state():
+            return _with_checkpoint(RunDirectory(candidate.absolute()), reference)
+    for directory in all_runs(outputs):
+        if reference in directory.tracking_ids():
+            return _with_checkpoint(directory, reference)
+    names = [f"{d.path.parent.name}/{d.path.name}" for d in all_runs(outputs)][-8:]
+    known = "Runs here: " + ", ".join(names) if names else "There are no runs here yet: python train.py makes one"
+    raise UserError(f"run={reference}: no run, run directory or checkpoint of that name. {known}")
+
+
+def _with_checkpoint(directory: RunDirectory, reference: str) -> FoundRun:
+    results = directory.results() or {}
+    chosen = directory.last_checkpoint
+    if results.get("test_checkpoint") == "best":
+        chosen = directory.best_checkpoint
+    if not chosen.is_file():
+        raise UserError(
+            f"run={reference}: {directory.path} has no checkpoint yet", "Run the same training command: it resumes."
+        )
+    return FoundRun(chosen, directory)

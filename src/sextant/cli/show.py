@@ -1,0 +1,74 @@
+"""What a run prints before and after."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from sextant.cli.console import console, key_value_table
+from sextant.config import Config
+from sextant.runs.directory import RunDirectory
+
+
+def show_start(raw: Mapping[str, Any], config: Config, directory: RunDirectory, passed_over: tuple[str, ...]) -> None:
+    """Summary of the config, where the run lies, and why an earlier run was not taken."""
+    if not config.trainer.progress:
+        return
+    for reason in passed_over:
+        console.print(f"[yellow]{escape(reason)}: running again, into {directory.path.name}[/]")
+    if directory.last_checkpoint.is_file():
+        console.print(f"[green]resuming from {_shorter(directory.last_checkpoint)}[/]")
+    rows = {
+        "task": config.task.name,
+        "dataset": _part(raw["dataset"]),
+        "backbone": _part(raw["backbone"]),
+        "inhibition": _part(raw["inhibition"]),
+        "test": ", ".join(["clean", *raw["corruption"]["corruptions"]]),
+        "optimizer": f"{_part(raw['optimizer'])}, {_part(raw['schedule'])}",
+        "training": f"{config.trainer.max_epochs} epochs of batches of {config.trainer.batch_size}, "
+        f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
+        "run": _shorter(directory.path),
+    }
+    console.print(key_value_table("Sextant", rows))
+
+
+def show_result(directory: RunDirectory, *, reused: bool) -> None:
+    """Final metrics and the commands that come next."""
+    results = directory.results()
+    if results is None:
+        return
+    if reused:
+        console.print(f"[green]Already finished with this code and data:[/] {_shorter(directory.path)}")
+    table = Table(title="Result", title_justify="left", title_style="bold")
+    table.add_column("metric")
+    table.add_column("value", justify="right")
+    for name, value in results["metrics"].items():
+        percent = "accuracy" in name
+        table.add_row(name, "nan" if value is None else f"{100 * value:.2f} %" if percent else f"{value:.4f}")
+    console.print(table)
+    if results["outcome"] == "diverged":
+        console.print("[yellow]This run did not learn: its validation accuracy is near chance.[/]")
+    run, timing = _shorter(directory.path), results["timing"]
+    console.print(
+        f"{results['parameters']:,} parameters, trained in {timing['fit_s']:.1f} s, tested in {timing['test_s']:.1f} s\n"
+        f"figures    {run}/figures\n"
+        f"evaluate   python evaluate.py run={run} corruption=gaussian\n"
+        f"predict    python predict.py run={run} input=<folder> output=<folder>\n"
+        f"sweep      python train.py -m seed=0,1,2 inhibition=none,push_pull\n"
+        f"dashboard  make dashboard"
+    )
+
+
+def _part(node: Mapping[str, Any]) -> str:
+    name = str(node["_target_"]).rsplit(".", 1)[-1]
+    settings = ", ".join(f"{key}={value}" for key, value in node.items() if not key.startswith("_"))
+    return f"{name}({settings})"
+
+
+def _shorter(path: Path) -> str:
+    try:
+        return str(path.relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)

@@ -1,0 +1,88 @@
+"""``train.py``: one run, or with ``-m`` a sweep."""
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig
+
+from sextant.cli.compose import compose, conf_dir, register_resolvers, to_plain
+from sextant.cli.console import reporting_mistakes
+from sextant.config import Config, validate
+from sextant.errors import UserError
+from sextant.tracking.environment import quiet_libraries
+
+MULTIRUN = ("-m", "--multirun")
+#: Flags with which Hydra only prints something.
+ONLY_PRINT = ("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc")
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Check everything that can be checked lightly, then hand over to Hydra."""
+    quiet_libraries()
+    register_resolvers()
+    sys.argv = [sys.argv[0], *arguments]
+    if not any(argument.split("=")[0] in ONLY_PRINT for argument in arguments):
+        overrides = [argument for argument in arguments if not argument.startswith("-")]
+        if any(argument in MULTIRUN for argument in arguments):
+            os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+        else:
+            preflight(overrides)
+    _hydra_main()
+
+
+def preflight(overrides: Sequence[str]) -> None:
+    """Find a mistake in the config or a missing dataset before anything heavy is imported."""
+    if any(override.startswith("sweep=") and override != "sweep=null" for override in overrides):
+        name = next(override for override in overrides if override.startswith("sweep="))
+        raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: python train.py -m {' '.join(overrides)}")
+    raw = to_plain(compose(overrides))
+    check_environment(raw, validate(raw))
+
+
+def check_environment(raw: Mapping[str, Any], config: Config) -> None:
+    """Whether the data is there, the output folder can be written to, and the tracking server answers."""
+    from sextant.cli.assemble import build_source
+    from sextant.tracking.store import require_server
+
+    outputs = Path(config.paths.outputs)
+    try:
+        outputs.mkdir(parents=True, exist_ok=True)
+        probe = outputs / f".writable-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(
+            f"paths.outputs={outputs} cannot be written to: {error.strerror}",
+            "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
+        ) from None
+    source = build_source(raw, config)
+    source.files("train")
+    source.files("test")
+    if config.tracking.kind == "server" and config.tracking.uri is not None:
+        require_server(config.tracking.uri)
+
+
+def run_config(config: DictConfig) -> dict[str, Any] | None:
+    """What Hydra calls for every run: a single one ends the process, a cell of a sweep returns its outcome."""
+    quiet_libraries()
+    from sextant.cli.execute import execute, execute_cell
+    from sextant.cli.show import show_result
+    from sextant.runs.directory import RunDirectory
+
+    raw = to_plain(config)
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        return execute_cell(raw)
+    with reporting_mistakes():
+        outcome = execute(raw)
+        show_result(RunDirectory(outcome.directory), reused=outcome.reused)
+    return None
+
+
+def _hydra_main() -> None:
+    hydra.main(config_path=str(conf_dir()), config_name="train", version_base="1.3")(run_config)()

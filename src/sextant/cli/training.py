@@ -1,0 +1,183 @@
+"""Fit, validate and test with Lightning; what the life cycle imports once everything light has been checked."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+from pytorch_lightning.callbacks import Callback, ModelCheckpoint
+
+from sextant.cli.assemble import build_classification, build_data
+from sextant.cli.progress import TrainingProgress
+from sextant.cli.resolve import resolve_run
+from sextant.config import Config
+from sextant.data.source import ImageSource, ImageSpec
+from sextant.errors import UserError
+from sextant.figures.style import save_figure
+from sextant.runs.atomic import write_atomically, write_json
+from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, AtomicCheckpointIO, load_checkpoint
+from sextant.runs.directory import RunDirectory, RunKey
+from sextant.tasks.classification import Classification
+from sextant.tracking.logger import RunLogger
+from sextant.tracking.mirror import MirroredRun
+from sextant.tracking.system_metrics import system_metrics
+
+
+def train_and_test(
+    raw: Mapping[str, Any],
+    config: Config,
+    source: ImageSource,
+    directory: RunDirectory,
+    key: RunKey,
+    mirror: MirroredRun | None,
+) -> dict[str, Any]:
+    """Train from the last checkpoint or from scratch, test, and write results; ``metrics.json`` is written last.
+
+    Returns:
+        The content of ``metrics.json``.
+    """
+    began = time.monotonic()
+    torch.set_num_threads(config.trainer.threads)
+    pl.seed_everything(config.seed, verbose=False)
+    data = build_data(source, config)
+    spec = source.spec()
+    module = build_classification(raw, spec, log_every=config.trainer.log_every, training=True)
+    if config.init_from is not None:
+        _load_weights(module, resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint)
+    logger = RunLogger(directory, mirror)
+    trainer = _trainer(config, module, directory, logger, _Provenance(raw, spec, key))
+
+    monitor = mirror if config.tracking.system_metrics else None
+    with system_metrics(monitor, config.tracking.system_metrics_every_s):
+        resume = directory.last_checkpoint if directory.last_checkpoint.is_file() else None
+        trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        if trainer.interrupted:
+            raise KeyboardInterrupt
+        fitted = time.monotonic()
+        results = _test(trainer, module, data, config, directory)
+    results |= {
+        "digest": key.digest,
+        "seed": key.seed,
+        "code": key.code,
+        "data": key.data,
+        "timing": {"fit_s": fitted - began, "test_s": time.monotonic() - fitted},
+    }
+    write_json(directory.metrics, results)
+    return results
+
+
+def _trainer(
+    config: Config, module: Classification, directory: RunDirectory, logger: RunLogger, provenance: Callback
+) -> pl.Trainer:
+    callbacks = [_EpochSeed(config.seed), provenance, _every_epoch(directory)]
+    if config.task.test_checkpoint == "best":
+        callbacks.append(_best_epoch(directory, module.monitor))
+    if config.trainer.progress:
+        callbacks.append(TrainingProgress())
+    return pl.Trainer(
+        accelerator=config.trainer.accelerator,
+        devices=config.trainer.devices,
+        precision=config.trainer.precision,
+        deterministic=config.trainer.deterministic,
+        max_epochs=config.trainer.max_epochs,
+        logger=logger,
+        callbacks=callbacks,
+        plugins=[AtomicCheckpointIO()],
+        default_root_dir=directory.path,
+        log_every_n_steps=config.trainer.log_every,
+        num_sanity_val_steps=0,
+        use_distributed_sampler=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        barebones=False,
+    )
+
+
+def _every_epoch(directory: RunDirectory) -> ModelCheckpoint:
+    return ModelCheckpoint(
+        directory.checkpoints, filename="last", save_on_train_epoch_end=True, enable_version_counter=False
+    )
+
+
+def _best_epoch(directory: RunDirectory, monitor: str) -> ModelCheckpoint:
+    return ModelCheckpoint(
+        directory.checkpoints,
+        filename="best",
+        monitor=monitor,
+        mode="max",
+        save_on_train_epoch_end=True,
+        enable_version_counter=False,
+    )
+
+
+def _test(
+    trainer: pl.Trainer, module: Classification, data: pl.LightningDataModule, config: Config, directory: RunDirectory
+) -> dict[str, Any]:
+    """Validate and test the chosen weights, and write arrays and figures."""
+    epochs, steps = trainer.current_epoch, trainer.global_step
+    if config.task.test_checkpoint == "best":
+        module.load_state_dict(load_checkpoint(directory.best_checkpoint)["state_dict"])
+    validation = dict(trainer.validate(module, data, verbose=False)[0])
+    metrics = validation | dict(trainer.test(module, data, verbose=False)[0])
+    arrays = module.arrays()
+    write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **arrays))
+    for name, figure in module.figures(data.split("test").images):  # type: ignore[attr-defined]
+        save_figure(figure, directory.figures, name)
+    return {
+        "outcome": "finished" if module.converged(validation) else "diverged",
+        "metrics": metrics,
+        "test_checkpoint": config.task.test_checkpoint,
+        "epochs": epochs,
+        "steps": steps,
+        "parameters": sum(parameter.numel() for parameter in module.parameters()),
+    }
+
+
+def _load_weights(module: Classification, checkpoint: Path) -> None:
+    try:
+        module.load_state_dict(load_checkpoint(checkpoint)["state_dict"])
+    except RuntimeError as error:
+        lines = [line.strip() for line in str(error).splitlines()[1:4]]
+        raise UserError(
+            f"init_from: the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
+            "Choose the backbone and inhibition that the checkpoint was trained with.",
+        ) from None
+
+
+class _EpochSeed(Callback):
+    """Seeds torch from (seed, epoch) at the start of every epoch, so that a resumed epoch draws what it would have."""
+
+    def __init__(self, seed: int):
+        self.seed = seed
+
+    def on_train_epoch_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        torch.manual_seed(self.seed * 1_000_003 + trainer.current_epoch)
+
+
+class _Provenance(Callback):
+    """Puts the whole config into every checkpoint, as plain containers."""
+
+    def __init__(self, raw: Mapping[str, Any], spec: ImageSpec, key: RunKey):
+        self.content = {
+            "schema_version": SCHEMA_VERSION,
+            "config": dict(raw),
+            "spec": {
+                "channels": spec.channels,
+                "height": spec.height,
+                "width": spec.width,
+                "classes": list(spec.classes),
+            },
+            "task": key.task,
+            "digest": key.digest,
+            "seed": key.seed,
+            "code": key.code,
+            "data": key.data,
+        }
+
+    def on_save_checkpoint(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        checkpoint[KEY] = self.content

@@ -1,0 +1,25 @@
+"""What makes two runs the same experiment."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+#: Keys that do not change what is computed: where it is kept, how it is shown, how many processes fetch the data.
+NUISANCE = ("seed", "paths", "tracking", "sweep", "reuse", "hydra")
+NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": ("download",)}
+
+
+def identity(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of a resolved config that enters the digest; the seed is apart, as the replicate of an experiment."""
+    kept = {key: value for key, value in config.items() if key not in NUISANCE}
+    for group, names in NUISANCE_WITHIN.items():
+        if isinstance(kept.get(group), Mapping):
+            kept[group] = {key: value for key, value in kept[group].items() if key not in names}
+    return kept
+
+
+def digest(config: Mapping[str, Any]) -> str:
+    """SHA-256 of the identity of a resolved config, in hexadecimal; directories carry its first eight digits."""
+    canonical = json.dumps(identity(config), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode()).hexdigest()

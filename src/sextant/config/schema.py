@@ -1,0 +1,373 @@
+"""The typed config behind the YAML files: types, ranges and rules that join several keys.
+
+Each config that Sextant ships has a model here, chosen by its ``_target_``. A ``_target_`` of the user's own is legal
+everywhere: its arguments are then checked against its signature when it is built.
+"""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+
+class Node(BaseModel):
+    """A config node: exact types, no unknown keys, immutable."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, populate_by_name=False)
+
+
+class Part(Node):
+    """A config node that builds an object from an import path."""
+
+    target: str = Field(alias="_target_")
+
+
+class CustomPart(Part):
+    """A part that Sextant does not know."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+def _choose_part(*known: type[Part]) -> Discriminator:
+    targets = {part.model_fields["target"].annotation.__args__[0] for part in known}  # type: ignore[union-attr]
+
+    def tag(value: Any) -> str:
+        target = value.get("_target_") if isinstance(value, dict) else value.target
+        return target if target in targets else "custom"
+
+    return Discriminator(tag)
+
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(gt=0, lt=1)]
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+Count = Annotated[int, Field(ge=1)]
+
+# ---------------------------------------------------------------------------------------------------------- datasets
+
+
+class Digits(Part):
+    """scikit-learn's digit scans."""
+
+    target: Literal["sextant.data.digits.Digits"] = Field(alias="_target_")
+    size: int = Field(ge=8, le=512, examples=[28])
+
+
+class MNIST(Part):
+    """MNIST."""
+
+    target: Literal["sextant.data.mnist.MNIST"] = Field(alias="_target_")
+    download: bool
+
+
+class FashionMNIST(Part):
+    """Fashion-MNIST."""
+
+    target: Literal["sextant.data.mnist.FashionMNIST"] = Field(alias="_target_")
+    download: bool
+
+
+class CIFAR10(Part):
+    """CIFAR-10."""
+
+    target: Literal["sextant.data.cifar10.CIFAR10"] = Field(alias="_target_")
+    train_batches: int = Field(ge=1, le=5, examples=[5])
+    download: bool
+
+
+class ImageFolder(Part):
+    """The user's own images."""
+
+    target: Literal["sextant.data.image_folder.ImageFolder"] = Field(alias="_target_")
+    folder: str = Field(examples=["/path/to/images"])
+    size: int = Field(ge=8, le=1024, examples=[64])
+    channels: Literal[1, 3]
+    test_fraction: Share = Field(examples=[0.2])
+
+
+Dataset = Annotated[
+    Annotated[Digits, Tag("sextant.data.digits.Digits")]
+    | Annotated[MNIST, Tag("sextant.data.mnist.MNIST")]
+    | Annotated[FashionMNIST, Tag("sextant.data.mnist.FashionMNIST")]
+    | Annotated[CIFAR10, Tag("sextant.data.cifar10.CIFAR10")]
+    | Annotated[ImageFolder, Tag("sextant.data.image_folder.ImageFolder")]
+    | Annotated[CustomPart, Tag("custom")],
+    _choose_part(Digits, MNIST, FashionMNIST, CIFAR10, ImageFolder),
+]
+
+# -------------------------------------------------------------------------------------------------------- corruptions
+
+
+class GaussianNoise(Part):
+    """Additive Gaussian noise."""
+
+    target: Literal["sextant.corruptions.GaussianNoise"] = Field(alias="_target_")
+    levels: list[NonNegative] = Field(min_length=1, examples=["[0.01,0.1]"])
+    clip: bool
+
+
+class ContrastPoisson(Part):
+    """Loss of contrast, then photon noise."""
+
+    target: Literal["sextant.corruptions.ContrastPoisson"] = Field(alias="_target_")
+    levels: list[Annotated[float, Field(gt=0, le=1)]] = Field(min_length=1, examples=["[0.5,0.2]"])
+    peak: Positive = Field(examples=[256.0])
+    clip: bool
+
+
+CorruptionPart = Annotated[
+    Annotated[GaussianNoise, Tag("sextant.corruptions.GaussianNoise")]
+    | Annotated[ContrastPoisson, Tag("sextant.corruptions.ContrastPoisson")]
+    | Annotated[CustomPart, Tag("custom")],
+    _choose_part(GaussianNoise, ContrastPoisson),
+]
+
+
+class CorruptionSuite(Part):
+    """The test conditions."""
+
+    target: Literal["sextant.corruptions.CorruptionSuite"] = Field(alias="_target_")
+    corruptions: dict[str, CorruptionPart]
+    seed: Seed = Field(examples=[0])
+
+
+# ----------------------------------------------------------------------------------------------- networks and training
+
+
+class LeNet(Part):
+    """LeNet A to D."""
+
+    target: Literal["sextant.models.LeNet"] = Field(alias="_target_")
+    variant: Literal["A", "B", "C", "D"]
+
+
+Backbone = Annotated[
+    Annotated[LeNet, Tag("sextant.models.LeNet")] | Annotated[CustomPart, Tag("custom")], _choose_part(LeNet)
+]
+
+
+class NoInhibition(Part):
+    """The network as it is."""
+
+    target: Literal["sextant.layers.NoInhibition"] = Field(alias="_target_")
+
+
+class PushPullInhibition(Part):
+    """Push-pull in place of the first convolution."""
+
+    target: Literal["sextant.layers.PushPullInhibition"] = Field(alias="_target_")
+    scale: float = Field(ge=1, le=8, examples=[2.0])
+    alpha: NonNegative = Field(examples=[1.0])
+    train_alpha: bool
+
+
+Inhibition = Annotated[
+    Annotated[NoInhibition, Tag("sextant.layers.NoInhibition")]
+    | Annotated[PushPullInhibition, Tag("sextant.layers.PushPullInhibition")]
+    | Annotated[CustomPart, Tag("custom")],
+    _choose_part(NoInhibition, PushPullInhibition),
+]
+
+
+class SGD(Part):
+    """Stochastic gradient descent."""
+
+    target: Literal["torch.optim.SGD"] = Field(alias="_target_")
+    partial: Literal[True] = Field(alias="_partial_")
+    lr: Positive = Field(examples=[0.1])
+    momentum: float = Field(ge=0, lt=1, examples=[0.9])
+    nesterov: bool
+    weight_decay: NonNegative = Field(examples=[0.0005])
+
+    @model_validator(mode="after")
+    def _nesterov_needs_momentum(self) -> Self:
+        if self.nesterov and self.momentum == 0:
+            raise ValueError("optimizer.nesterov=true needs optimizer.momentum above 0, for example 0.9")
+        return self
+
+
+class AdamW(Part):
+    """AdamW."""
+
+    target: Literal["torch.optim.AdamW"] = Field(alias="_target_")
+    partial: Literal[True] = Field(alias="_partial_")
+    lr: Positive = Field(examples=[0.001])
+    betas: list[Annotated[float, Field(ge=0, lt=1)]] = Field(min_length=2, max_length=2, examples=["[0.9,0.999]"])
+    weight_decay: NonNegative = Field(examples=[0.01])
+
+
+Optimizer = Annotated[
+    Annotated[SGD, Tag("torch.optim.SGD")]
+    | Annotated[AdamW, Tag("torch.optim.AdamW")]
+    | Annotated[CustomPart, Tag("custom")],
+    _choose_part(SGD, AdamW),
+]
+
+
+class ConstantRate(Part):
+    """The learning rate as it is."""
+
+    target: Literal["sextant.tasks.schedules.ConstantRate"] = Field(alias="_target_")
+
+
+class StepDecay(Part):
+    """The learning rate in steps."""
+
+    target: Literal["sextant.tasks.schedules.StepDecay"] = Field(alias="_target_")
+    at: list[Share] = Field(examples=["[0.5,0.75]"])
+    factor: Share = Field(examples=[0.1])
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        if sorted(set(self.at)) != self.at:
+            raise ValueError(f"schedule.at must ascend, got {self.at}")
+        return self
+
+
+class CosineDecay(Part):
+    """The learning rate along half a cosine."""
+
+    target: Literal["sextant.tasks.schedules.CosineDecay"] = Field(alias="_target_")
+
+
+Schedule = Annotated[
+    Annotated[ConstantRate, Tag("sextant.tasks.schedules.ConstantRate")]
+    | Annotated[StepDecay, Tag("sextant.tasks.schedules.StepDecay")]
+    | Annotated[CosineDecay, Tag("sextant.tasks.schedules.CosineDecay")]
+    | Annotated[CustomPart, Tag("custom")],
+    _choose_part(ConstantRate, StepDecay, CosineDecay),
+]
+
+
+class Trainer(Node):
+    """How training runs."""
+
+    accelerator: Literal["cpu", "gpu"]
+    devices: int = Field(ge=1, le=1, examples=[1])
+    precision: Literal["32-true", "64-true", "16-mixed", "bf16-mixed"]
+    deterministic: bool
+    threads: int = Field(ge=1, le=256, examples=[1])
+    max_epochs: Count = Field(examples=[12])
+    batch_size: Count = Field(examples=[128])
+    eval_batch_size: Count = Field(examples=[1000])
+    log_every: int = Field(ge=20, examples=[50])
+    workers: int = Field(ge=0, le=64, examples=[0])
+    progress: bool
+
+    @model_validator(mode="after")
+    def _half_precision_needs_a_gpu(self) -> Self:
+        if self.accelerator == "cpu" and self.precision == "16-mixed":
+            raise ValueError("trainer.precision=16-mixed needs trainer=gpu; on the CPU use 32-true or bf16-mixed")
+        return self
+
+
+# -------------------------------------------------------------------------------------------------- tracking and paths
+
+
+class Tracking(Node):
+    """Where runs are logged."""
+
+    kind: Literal["sqlite", "server", "none"]
+    uri: str | None = Field(examples=["http://127.0.0.1:5000"])
+    experiment: str | None = Field(examples=["lenet"])
+    system_metrics: bool
+    system_metrics_every_s: Positive = Field(examples=[10])
+    log_checkpoint: bool
+    parent_run: str | None
+
+    @model_validator(mode="after")
+    def _server_needs_an_address(self) -> Self:
+        legal = ("http://", "https://", "postgresql://", "mysql://", "mssql://")
+        if self.kind == "server" and not (self.uri or "").startswith(legal):
+            raise ValueError(
+                f"tracking.uri={self.uri} must start with one of {', '.join(legal)}; "
+                "for example tracking=server tracking.uri=http://127.0.0.1:5000"
+            )
+        if self.kind == "sqlite" and self.uri is not None:
+            raise ValueError(
+                f"tracking.uri={self.uri} belongs to tracking=server; the sqlite store lies in paths.outputs"
+            )
+        return self
+
+
+class Paths(Node):
+    """Where things lie."""
+
+    data: str
+    outputs: str
+    cache: str
+
+
+# --------------------------------------------------------------------------------------------------------------- tasks
+
+
+class ClassificationTask(Node):
+    """Image classification."""
+
+    name: Literal["classification"]
+    validation_fraction: Share = Field(examples=[0.1])
+    split_seed: Seed = Field(examples=[0])
+    test_checkpoint: Literal["last", "best"]
+
+
+# -------------------------------------------------------------------------------------------------------------- sweeps
+
+
+class Arm(Node):
+    """One of the things that a sweep compares."""
+
+    overrides: list[str]
+    seed_offset: int = Field(default=0, ge=0)
+
+
+class Contrast(Node):
+    """Treatment against control, at the same seeds unless an arm shifts them."""
+
+    treatment: str
+    control: str
+    noise_floor: bool = False
+    published: dict[str, dict[str, float]] = Field(default_factory=dict)
+
+
+class Sweep(Node):
+    """A named ablation: factors x arms x seeds."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", examples=["my_sweep"])
+    question: str = ""
+    factors: dict[str, list[str | int | float | bool]] = Field(default_factory=dict)
+    arms: dict[str, Arm] = Field(default_factory=dict)
+    seeds: int | list[Seed] = Field(default=1, examples=[8])
+    contrasts: dict[str, Contrast] = Field(default_factory=dict)
+    published: dict[str, dict[str, float]] = Field(default_factory=dict)
+    interval: Literal["t", "bootstrap"] = "t"
+
+    @model_validator(mode="after")
+    def _contrasts_name_arms(self) -> Self:
+        for name, contrast in self.contrasts.items():
+            for arm in (contrast.treatment, contrast.control):
+                if arm not in self.arms:
+                    raise ValueError(f"sweep.contrasts.{name} names the arm {arm!r}; arms are {', '.join(self.arms)}")
+        return self
+
+    def seed_list(self) -> list[int]:
+        """The seeds: as listed, or 0 to n - 1."""
+        return list(range(self.seeds)) if isinstance(self.seeds, int) else self.seeds
+
+
+class Config(Node):
+    """A whole run."""
+
+    dataset: Dataset
+    corruption: CorruptionSuite
+    backbone: Backbone
+    inhibition: Inhibition
+    optimizer: Optimizer
+    schedule: Schedule
+    trainer: Trainer
+    tracking: Tracking
+    paths: Paths
+    task: ClassificationTask
+    seed: Seed = Field(examples=[0])
+    init_from: str | None
+    reuse: Literal["exact", "any_code"]
+    sweep: Sweep | None = None

@@ -1,0 +1,102 @@
+"""From a composed config to a typed one, with errors that teach."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from sextant.config.schema import Config
+from sextant.errors import UserError
+
+
+def validate(config: Mapping[str, Any]) -> Config:
+    """Check types, ranges, unknown keys and rules across keys.
+
+    Raises:
+        UserError: lists every problem, each with its key, its value, what is allowed and an override to paste.
+    """
+    try:
+        return Config.model_validate(config)
+    except ValidationError as error:
+        raise UserError("\n".join(_explain(dict(problem), config) for problem in error.errors())) from None
+
+
+def nearest(word: str, candidates: Iterable[str]) -> str | None:
+    """The candidate most like ``word``, if any is close."""
+    found = difflib.get_close_matches(word, list(candidates), n=1, cutoff=0.5)
+    return found[0] if found else None
+
+
+def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
+    key, parent, field = _locate(problem["loc"], config)
+    value = problem["input"]
+    if problem["type"] == "extra_forbidden":
+        names = _names(parent)
+        near = nearest(key.rsplit(".", 1)[-1], names)
+        prefix = key.rsplit(".", 1)[0] + "." if "." in key else ""
+        hint = f"Did you mean {prefix}{near}={value}?" if near else f"Keys there: {', '.join(names) or 'none'}"
+        return f"{key}: unknown key. {hint}"
+    if problem["type"] == "missing":
+        return f"{key} is missing. {_example(key, field)}".rstrip()
+    if problem["type"] == "value_error":  # a rule across keys; its text names them
+        return str(problem["ctx"]["error"])
+    message = problem["msg"].removeprefix("Input ").replace("should be", "must be")
+    return f"{key}={_shown(value)}: {message}. {_example(key, field)}".rstrip()
+
+
+def _shown(value: Any) -> str:
+    return repr(value) if isinstance(value, str | dict | list) else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _example(key: str, field: FieldInfo | None) -> str:
+    return f"For example {key}={field.examples[0]}" if field is not None and field.examples else ""
+
+
+def _names(model: type[BaseModel]) -> list[str]:
+    names = (field.alias or name for name, field in model.model_fields.items())
+    return [name for name in names if not name.startswith("_")]
+
+
+def _locate(loc: tuple[str | int, ...], config: Mapping[str, Any]) -> tuple[str, type[BaseModel], FieldInfo | None]:
+    """The dotted key of an error, the model that holds it, and its field; tags of unions are left out of the key."""
+    parent: type[BaseModel] = Config
+    field: FieldInfo | None = None
+    options: list[Any] = [Config]
+    keys: list[str] = []
+    value: Any = config
+    for part in loc:
+        is_key = (isinstance(value, Mapping) and part in value) or isinstance(part, int) or not _is_tag(part, options)
+        if not is_key:
+            options = [option for option in options if _is_tag(part, [option])]
+            continue
+        keys.append(str(part))
+        model = next((option for option in options if isinstance(option, type) and issubclass(option, BaseModel)), None)
+        if model is not None:
+            parent = model
+            found = {f.alias or name: f for name, f in model.model_fields.items()}.get(str(part))
+            field = found or (field if isinstance(part, int) else None)
+            options = _options(found.annotation) if found else []
+        else:
+            options = [inner for option in options for inner in _options((get_args(option) or (None,))[-1])]
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return ".".join(keys), parent, field
+
+
+def _options(annotation: Any) -> list[Any]:
+    if get_origin(annotation) in (Union, UnionType):
+        return [inner for option in get_args(annotation) for inner in _options(option)]
+    if hasattr(annotation, "__metadata__"):
+        return _options(annotation.__origin__)
+    return [annotation]
+
+
+def _is_tag(part: str | int, options: Iterable[Any]) -> bool:
+    for option in options:
+        if isinstance(option, type) and issubclass(option, BaseModel) and "target" in option.model_fields:
+            literal = get_args(option.model_fields["target"].annotation)
+            if part in literal or (part == "custom" and not literal):
+                return True
+    return False

@@ -1,0 +1,52 @@
+"""Which corruptions a model is tested under."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from sextant.corruptions.corruption import Corruption
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One test condition: a corruption at a severity, or none (``clean``)."""
+
+    corruption: str | None = None
+    level: float | None = None
+
+    @property
+    def key(self) -> str:
+        """Its name in metrics and files, such as ``clean`` or ``gaussian/0.1``."""
+        return "clean" if self.corruption is None else f"{self.corruption}/{self.level:g}"
+
+
+class CorruptionSuite:
+    """The conditions of a test, and the images under each.
+
+    Every run that uses the suite sees the same corrupted images: they depend on ``seed`` here, not on the run's seed,
+    so that models are compared on the same images.
+
+    Args:
+        corruptions: corruptions by name; the empty mapping tests clean images alone.
+        seed: of all random draws.
+    """
+
+    def __init__(self, corruptions: Mapping[str, Corruption[Any]] | None = None, seed: int = 0):
+        self.corruptions = dict(corruptions or {})
+        self.seed = seed
+
+    def conditions(self) -> list[Condition]:
+        """Clean first, then every corruption at each of its severities."""
+        corrupted = [Condition(name, level) for name, c in self.corruptions.items() for level in c.levels]
+        return [Condition(), *corrupted]
+
+    def corrupt(
+        self, images: Float[Tensor, "b c h w"], indices: Int64[Tensor, "b"], condition: Condition
+    ) -> Float[Tensor, "b c h w"]:
+        """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
+        if condition.corruption is None or condition.level is None:
+            return images
+        return self.corruptions[condition.corruption](images, condition.level, indices, self.seed)

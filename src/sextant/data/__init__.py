@@ -1,0 +1,1 @@
+"""Datasets, one file a family, and the batches that are made of them."""

@@ -1,0 +1,85 @@
+"""Training, validation and test batches of a labelled image source."""
+
+import pytorch_lightning as pl
+import torch
+from torch.utils.data import DataLoader
+
+from sextant.data.batches import Batch, EpochBatches, ImageBatches
+from sextant.data.source import ImageSource, LabelledImages
+from sextant.data.split import stratified_split
+
+
+class ImageData(pl.LightningDataModule):
+    """Holds a source in memory and serves whole batches of it.
+
+    Args:
+        source: where the images come from.
+        batch_size: images in a training batch.
+        eval_batch_size: images in a validation or test batch.
+        validation_fraction: share of the training split that is held out for validation.
+        split_seed: of that choice, apart from the run's seed: every run of a sweep has the same three splits.
+        seed: of the order of the training images.
+        workers: processes that fetch batches; 0 fetches in the training process, the fastest for images in memory.
+    """
+
+    def __init__(
+        self,
+        source: ImageSource,
+        *,
+        batch_size: int,
+        eval_batch_size: int,
+        validation_fraction: float,
+        split_seed: int,
+        seed: int,
+        workers: int = 0,
+    ):
+        super().__init__()
+        self.source = source
+        self.batch_size, self.eval_batch_size = batch_size, eval_batch_size
+        self.validation_fraction, self.split_seed = validation_fraction, split_seed
+        self.seed, self.workers = seed, workers
+        self._splits: dict[str, ImageBatches] = {}
+
+    def setup(self, stage: str) -> None:
+        """Read the splits that ``stage`` needs: training and validation for ``fit``, test for ``test``."""
+        if stage == "fit" and "train" not in self._splits:
+            data = self.source.read("train")
+            train, validation = stratified_split(data.labels, self.validation_fraction, self.split_seed)
+            self._splits["train"] = _in_memory(LabelledImages(data.images[train], data.labels[train]))
+            self._splits["validation"] = _in_memory(LabelledImages(data.images[validation], data.labels[validation]))
+        if stage == "test" and "test" not in self._splits:
+            self._splits["test"] = _in_memory(self.source.read("test"))
+
+    def split(self, name: str) -> ImageBatches:
+        """The images of ``train``, ``validation`` or ``test``, once they were read by :meth:`setup`."""
+        return self._splits[name]
+
+    def train_dataloader(self) -> DataLoader[Batch]:
+        """Shuffled batches, the order a function of (seed, epoch)."""
+        trainer = self.trainer
+        rank, ranks = (trainer.global_rank, trainer.world_size) if trainer is not None else (0, 1)
+        images = self._splits["train"]
+        return self._loader(images, EpochBatches(len(images), self.batch_size, self.seed, rank, ranks))
+
+    def val_dataloader(self) -> DataLoader[Batch]:
+        """Validation batches in order."""
+        images = self._splits["validation"]
+        return self._loader(images, EpochBatches(len(images), self.eval_batch_size))
+
+    def test_dataloader(self) -> DataLoader[Batch]:
+        """Test batches in order."""
+        images = self._splits["test"]
+        return self._loader(images, EpochBatches(len(images), self.eval_batch_size))
+
+    def _loader(self, images: ImageBatches, batches: EpochBatches) -> DataLoader[Batch]:
+        return DataLoader(
+            images,
+            sampler=batches,
+            batch_size=None,
+            num_workers=self.workers,
+            persistent_workers=self.workers > 0,
+        )
+
+
+def _in_memory(data: LabelledImages) -> ImageBatches:
+    return ImageBatches(torch.from_numpy(data.images), torch.from_numpy(data.labels))

@@ -1,0 +1,119 @@
+"""The user's own images: a folder with one sub-folder a class."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
+from sextant.errors import UserError
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm")
+LARGEST_IN_MEMORY = 8 * 2**30
+
+
+class ImageFolder(ImageSource):
+    """Images in ``folder/<class>/*``, or ``folder/train/<class>/*`` and ``folder/test/<class>/*``.
+
+    Images are turned upright by their EXIF orientation, scaled so that they cover a square and cropped at its centre.
+    Without ``train`` and ``test`` folders, a fixed permutation of each class puts a share into the test split.
+
+    Args:
+        folder: the folder, absolute, or relative to the working directory or one of the ``roots``.
+        size: side of the square images in pixels.
+        channels: 3 for colour, 1 for grey.
+        test_fraction: share of each class in the test split when the folder has none, in (0, 1).
+        roots: folders to look in as well.
+    """
+
+    name = "image_folder"
+
+    def __init__(
+        self,
+        folder: str,
+        size: int = 64,
+        channels: int = 3,
+        test_fraction: float = 0.2,
+        roots: Sequence[Path | str] = (),
+    ):
+        looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
+        self.folder = next((path for path in looked if path.is_dir()), None)
+        self.looked = looked
+        self.size, self.channels, self.test_fraction = size, channels, test_fraction
+
+    def _classes(self) -> list[str]:
+        root = self._root()
+        base = root / "train" if self._has_splits() else root
+        classes = sorted(path.name for path in base.iterdir() if path.is_dir() and any(_images(path)))
+        if len(classes) < 2:
+            raise MissingDataError(
+                f"dataset.folder={root}: {len(classes)} folders with images, need one for each of at least two classes",
+                f"Arrange the images as {base}/<class>/<image>{SUFFIXES[0]}",
+            )
+        return classes
+
+    def _root(self) -> Path:
+        if self.folder is None:
+            places = "\n".join(f"  {path}" for path in self.looked)
+            raise MissingDataError(
+                f"dataset.folder: no such folder. Looked for\n{places}",
+                "Give a folder with one sub-folder a class: dataset.folder=/path/to/images. "
+                "Without images of your own: dataset=digits",
+            )
+        return self.folder
+
+    def _has_splits(self) -> bool:
+        return all((self._root() / split).is_dir() for split in ("train", "test"))
+
+    def files(self, split: Split) -> list[Path]:
+        """The images of ``split``, class by class, each class in the order of its file names."""
+        chosen: list[Path] = []
+        for label, name in enumerate(self._classes()):
+            if self._has_splits():
+                chosen += sorted(_images(self._root() / split / name))
+                continue
+            paths = sorted(_images(self._root() / name))
+            order = np.random.default_rng(label).permutation(len(paths))
+            tests = max(1, round(self.test_fraction * len(paths)))
+            chosen += [paths[i] for i in sorted(order[:tests] if split == "test" else order[tests:])]
+        return chosen
+
+    def spec(self) -> ImageSpec:
+        """A square of the configured size; classes are the folder names in order."""
+        return ImageSpec(self.channels, self.size, self.size, tuple(self._classes()))
+
+    def read(self, split: Split) -> LabelledImages:
+        """Decode a split.
+
+        Raises:
+            UserError: an image cannot be decoded (it is named), or the split does not fit into memory.
+        """
+        paths = self.files(split)
+        needed = len(paths) * self.channels * self.size**2
+        if needed > LARGEST_IN_MEMORY:
+            raise UserError(
+                f"dataset.folder={self.folder}: {len(paths):,} images of {self.size}x{self.size} need {needed / 2**30:.1f} GiB",
+                f"Use smaller images, for example dataset.size={self.size // 2}",
+            )
+        with ThreadPoolExecutor() as pool:  # Pillow decodes outside the interpreter lock
+            images = list(pool.map(self._decode, paths))
+        index = {name: label for label, name in enumerate(self._classes())}
+        labels = np.array([index[path.parent.name] for path in paths], np.int64)
+        return LabelledImages(channels_first(np.stack(images)), labels)
+
+    def _decode(self, path: Path) -> np.ndarray:
+        try:
+            with Image.open(path) as image:
+                upright = ImageOps.exif_transpose(image).convert("RGB" if self.channels == 3 else "L")
+                return np.asarray(ImageOps.fit(upright, (self.size, self.size), Image.Resampling.BICUBIC))
+        except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+            raise UserError(
+                f"{path} cannot be read as an image ({path.stat().st_size:,} bytes): {error}",
+                "Replace the file or take it out of the folder.",
+            ) from None
+
+
+def _images(folder: Path) -> list[Path]:
+    return [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES] if folder.is_dir() else []

@@ -1,0 +1,138 @@
+"""What a labelled image dataset is to the rest of Sextant: files that can be checked, hashed and read."""
+
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Int64, UInt8
+from numpy import ndarray
+
+from sextant.errors import UserError
+
+Split = Literal["train", "test"]
+SPLITS: tuple[Split, ...] = ("train", "test")
+
+
+class MissingDataError(UserError):
+    """The files of a dataset are not where they were looked for."""
+
+
+@dataclass(frozen=True)
+class ImageSpec:
+    """Shape of the images of a dataset, and its classes in label order."""
+
+    channels: int
+    height: int
+    width: int
+    classes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LabelledImages:
+    """Images of one split with their labels, as they lie in memory."""
+
+    images: UInt8[ndarray, "n c h w"]
+    labels: Int64[ndarray, "n"]
+
+
+class ImageSource(ABC):
+    """A dataset of labelled images with a training and a test split.
+
+    Sources import nothing heavier than numpy and Pillow, so that a missing or damaged file is found at once.
+
+    Attributes:
+        name: the dataset's name in messages.
+    """
+
+    name: str
+
+    @abstractmethod
+    def files(self, split: Split) -> list[Path]:
+        """The files that ``split`` is read from.
+
+        Raises:
+            MissingDataError: says where they were looked for, how to get them, what to use instead.
+        """
+
+    @abstractmethod
+    def spec(self) -> ImageSpec:
+        """Image shape and class names."""
+
+    @abstractmethod
+    def read(self, split: Split) -> LabelledImages:
+        """Read a split, checking that every file is what it should be.
+
+        Raises:
+            UserError: a file is missing, truncated or altered; it is named.
+        """
+
+    def fingerprint(self) -> str:
+        """Hash of the names and contents of all files: it changes when the data does."""
+        entries: list[tuple[str, ...]] = []
+        for split in SPLITS:
+            try:
+                files = self.files(split)
+            except MissingDataError:  # a copy with the test split alone can still be evaluated on
+                entries.append((split, "absent"))
+                continue
+            entries += [(split, path.name, file_sha256(path)) for path in files]
+        return hashlib.sha256(json.dumps(entries).encode()).hexdigest()
+
+
+def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], *, dataset: str, source: str) -> Path:
+    """The first ``root/folder`` that holds all files ``names``.
+
+    Raises:
+        MissingDataError: there is none.
+    """
+    folders = [Path(root) / folder for root in roots]
+    for path in folders:
+        if all((path / name).is_file() for name in names):
+            return path
+    missing = [name for name in names if not (folders[0] / name).is_file()]
+    looked = "\n".join(f"  {path}" for path in folders)
+    raise MissingDataError(
+        f"dataset={dataset}: {', '.join(missing)} not found. Looked in\n{looked}",
+        f"Put the files there ({source}), set SEXTANT_DATA to the folder that holds {folder.split('/')[0]}/, or let\n"
+        f"torchvision fetch them with dataset.download=true. Without any download: dataset=digits",
+    )
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, remembered for as long as its size and time of change stay the same."""
+    status = path.stat()
+    return _file_sha256(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=65536)
+def _file_sha256(path: Path, size: int, mtime_ns: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_file(path: Path, digest: str, algorithm: Literal["md5", "sha256"] = "sha256") -> None:
+    """Check that a file is the published one.
+
+    Raises:
+        UserError: its hash differs; names the file, its size and both hashes.
+    """
+    with path.open("rb") as file:
+        found = hashlib.file_digest(file, algorithm).hexdigest()
+    if found != digest:
+        raise UserError(
+            f"{path} is damaged or not the published file: {path.stat().st_size:,} bytes, "
+            f"{algorithm} {found}, expected {digest}",
+            "Delete it and fetch it again.",
+        )
+
+
+def channels_first(images: UInt8[ndarray, "n h w *c"]) -> UInt8[ndarray, "n c h w"]:
+    """Grey ``(n, h, w)`` or colour ``(n, h, w, c)`` images as contiguous ``(n, c, h, w)``."""
+    stacked = images[:, None] if images.ndim == 3 else images.transpose(0, 3, 1, 2)
+    return np.ascontiguousarray(stacked)

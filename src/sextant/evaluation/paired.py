@@ -1,0 +1,149 @@
+"""Paired comparison of two arms of an experiment over seeds, with the images of each seed nested.
+
+A *difference* here is treatment minus control at one seed. The seed is the unit of replication: runs with different
+seeds are independent, the test images of one run are not.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy import stats
+
+Method = Literal["t", "bootstrap"]
+
+
+@dataclass(frozen=True)
+class PairedDifference:
+    """A mean difference over seeds, its interval and its tests; values in the unit of the input.
+
+    Attributes:
+        seeds: number of pairs.
+        mean: of the differences.
+        spread: their standard deviation; what a single pair of runs scatters by.
+        low, high: the interval for the mean over seeds, on these test images.
+        image_low, image_high: the interval when the test images count as a sample too; wider, or nan without images.
+        p_value: Wilcoxon signed-rank, two-sided; nan under two pairs.
+        wins: pairs with a positive difference.
+    """
+
+    seeds: int
+    mean: float
+    spread: float
+    low: float
+    high: float
+    image_low: float
+    image_high: float
+    p_value: float
+    wins: int
+
+
+def paired_difference(
+    treatment: Float[ndarray, "seeds *images"],
+    control: Float[ndarray, "seeds *images"],
+    *,
+    method: Method = "t",
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> PairedDifference:
+    """Compare two arms pair by pair.
+
+    With ``D[s, i]`` the difference of seed ``s`` on image ``i`` and ``d_s`` its mean over images, the interval is
+    ``mean(d) ± t_{S-1} · sd(d) / sqrt(S)``, or a studentized bootstrap that resamples seeds and, within each, images.
+
+    Args:
+        treatment, control: one row a pair; a column for each test image where there are any.
+        method: ``t`` or ``bootstrap``.
+        confidence: coverage of the intervals, in (0, 1).
+        seed: of the bootstrap.
+
+    Raises:
+        ValueError: the shapes differ or there is no pair.
+    """
+    if treatment.shape != control.shape or len(treatment) == 0:
+        raise ValueError(f"need the same pairs in both arms, at least one; got {treatment.shape} and {control.shape}")
+    difference = np.asarray(treatment, float) - np.asarray(control, float)
+    images = difference.reshape(len(difference), -1)
+    per_seed = images.mean(axis=1)
+    low, high = _t_interval(per_seed, confidence) if method == "t" else bootstrap_t_interval(images, confidence, seed)
+    image_low, image_high = crossed_interval(images, confidence)
+    return PairedDifference(
+        seeds=len(per_seed),
+        mean=float(per_seed.mean()),
+        spread=float(per_seed.std(ddof=1)) if len(per_seed) > 1 else float("nan"),
+        low=low,
+        high=high,
+        image_low=image_low,
+        image_high=image_high,
+        p_value=_wilcoxon(per_seed),
+        wins=int((per_seed > 0).sum()),
+    )
+
+
+def bootstrap_t_interval(
+    images: Float[ndarray, "seeds images"], confidence: float = 0.95, seed: int = 0, resamples: int = 4999
+) -> tuple[float, float]:
+    """Studentized bootstrap interval of the mean over seeds, images resampled within each resampled seed.
+
+    Resampled means over images are drawn as normal with the images' standard error, which the central limit theorem
+    allows from some hundred images on and which saves a factor of their number. With one image a seed nothing is nested.
+    A percentile bootstrap is not offered: with few seeds it covers far less than it says (Efron & Tibshirani 1993, 12.5).
+    """
+    count, width = images.shape
+    if count < 2:
+        return (float("nan"), float("nan"))
+    rng = np.random.default_rng(seed)
+    per_seed = images.mean(axis=1)
+    within = images.std(axis=1, ddof=1) / np.sqrt(width) if width > 1 else np.zeros(count)
+    mean, error = per_seed.mean(), per_seed.std(ddof=1) / np.sqrt(count)
+    chosen = rng.integers(count, size=(resamples, count))
+    drawn = per_seed[chosen] + within[chosen] * rng.standard_normal(chosen.shape)
+    errors = drawn.std(axis=1, ddof=1) / np.sqrt(count)
+    usable = errors > 0
+    if error == 0 or not usable.any():
+        return (float(mean), float(mean))
+    t = (drawn.mean(axis=1)[usable] - mean) / errors[usable]
+    upper, lower = np.quantile(t, [(1 + confidence) / 2, (1 - confidence) / 2])
+    return (float(mean - upper * error), float(mean - lower * error))
+
+
+def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float = 0.95) -> tuple[float, float]:
+    """t interval of the mean when seeds and images are both random and every seed sees the same images.
+
+    Two-way random effects: ``Var = s²(seed means)/S + s²(image means)/N - MSE/(S N)``; S - 1 degrees of freedom, which
+    is cautious when images dominate.
+    """
+    seeds, count = images.shape
+    if seeds < 2 or count < 2:
+        return (float("nan"), float("nan"))
+    rows, columns, mean = images.mean(axis=1), images.mean(axis=0), images.mean()
+    residual = images - rows[:, None] - columns[None, :] + mean
+    mse = (residual**2).sum() / ((seeds - 1) * (count - 1))
+    seed_part = rows.var(ddof=1) / seeds
+    variance = max(seed_part + columns.var(ddof=1) / count - mse / (seeds * count), seed_part)
+    half = stats.t.ppf((1 + confidence) / 2, seeds - 1) * np.sqrt(variance)
+    return (float(mean - half), float(mean + half))
+
+
+def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> tuple[float, float]:
+    """t interval of a mean over seeds; nan with fewer than two."""
+    return _t_interval(np.asarray(values, float), confidence)
+
+
+def _t_interval(values: Float[ndarray, "seeds"], confidence: float) -> tuple[float, float]:
+    if len(values) < 2:
+        return (float("nan"), float("nan"))
+    if values.std(ddof=1) == 0:
+        return (float(values.mean()), float(values.mean()))
+    interval = stats.ttest_1samp(values, 0.0).confidence_interval(confidence)
+    return (float(interval.low), float(interval.high))
+
+
+def _wilcoxon(values: Float[ndarray, "seeds"]) -> float:
+    if len(values) < 2:
+        return float("nan")
+    if not np.any(values):
+        return 1.0
+    return float(stats.wilcoxon(values).pvalue)

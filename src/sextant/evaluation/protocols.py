@@ -1,0 +1,14 @@
+"""The definitions that results rest on, fixed here before any result exists."""
+
+#: A claim needs this many seeds; fewer is labelled exploratory. With 5 a sign test cannot go below p = 0.0625.
+SEEDS_FOR_A_CLAIM = 8
+
+#: A classification run has converged if its validation accuracy after training is at least this far from chance to 1.
+#: It is judged on the validation split alone. Runs below are reported as diverged, counted, and never dropped silently.
+CONVERGED_ABOVE_CHANCE = 0.5
+
+
+def classification_converged(validation_accuracy: float, num_classes: int) -> bool:
+    """Whether a trained classifier learnt at all: ``accuracy >= chance + 0.5 (1 - chance)``, chance being 1/K."""
+    chance = 1 / num_classes
+    return validation_accuracy >= chance + CONVERGED_ABOVE_CHANCE * (1 - chance)

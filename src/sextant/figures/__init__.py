@@ -1,0 +1,1 @@
+"""Figures from arrays, one a file; each function returns a matplotlib figure and writes nothing."""

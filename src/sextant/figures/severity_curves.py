@@ -1,0 +1,35 @@
+"""Accuracy against the severity of a corruption."""
+
+from collections.abc import Mapping, Sequence
+
+from matplotlib.figure import Figure
+
+from sextant.figures.style import COLOURS, new_figure, plain
+
+
+def severity_curves(
+    levels: Mapping[str, Sequence[float]],
+    accuracy: Mapping[str, Mapping[str, float]],
+    intervals: Mapping[str, Mapping[str, tuple[float, float]]] | None = None,
+) -> Figure:
+    """One panel a corruption, one curve a model; severities are evenly spaced, clean comes first.
+
+    Args:
+        levels: severities by corruption.
+        accuracy: by model, then by condition key (``clean`` or ``corruption/level``), in [0, 1].
+        intervals: ends of each accuracy's interval, drawn as a band.
+    """
+    figure, panels = new_figure(4.2 * len(levels), 3.4, columns=len(levels))
+    for axes, (corruption, values) in zip(panels, levels.items(), strict=True):
+        keys = ["clean", *(f"{corruption}/{level:g}" for level in values)]
+        positions = range(len(keys))
+        for colour, (model, scores) in zip(COLOURS * 3, accuracy.items(), strict=False):
+            axes.plot(positions, [100 * scores[key] for key in keys], "o-", color=colour, label=model, markersize=4)
+            if intervals is not None:
+                low, high = zip(*(intervals[model][key] for key in keys), strict=True)
+                axes.fill_between(positions, [100 * v for v in low], [100 * v for v in high], color=colour, alpha=0.15)
+        axes.set_xticks(list(positions), ["clean", *(f"{level:g}" for level in values)])
+        axes.set(xlabel=corruption.replace("_", " "), ylabel="accuracy (%)", ylim=(0, 101))
+        plain(axes)
+    panels[0].legend(frameon=False, fontsize=8)
+    return figure

@@ -1,0 +1,5 @@
+"""Networks."""
+
+from sextant.models.lenet import LeNet
+
+__all__ = ["LeNet"]

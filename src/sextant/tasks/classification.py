@@ -1,0 +1,174 @@
+"""Image classification, tested under corruptions that training never saw (chapter 7)."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+import torch.nn.functional as F
+from jaxtyping import Int64, UInt8
+from numpy import ndarray
+from torch import Tensor, nn
+from torch.optim import Optimizer
+
+from sextant.corruptions import Condition, CorruptionSuite
+from sextant.data.batches import Batch
+from sextant.data.source import ImageSpec
+from sextant.evaluation import classification_converged
+from sextant.tasks.step_losses import StepLosses
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
+Schedule = Callable[[float], float]
+SHEET_IMAGES = 10
+
+
+@dataclass(frozen=True)
+class ClassificationResult:
+    """Predictions on the test split under every condition.
+
+    Attributes:
+        labels: true classes, in the order of the split.
+        predictions: predicted classes by condition key.
+    """
+
+    labels: Int64[ndarray, "n"]
+    predictions: dict[str, UInt8[ndarray, "n"] | Int64[ndarray, "n"]]
+
+    def accuracy(self) -> dict[str, float]:
+        """Share of correct predictions by condition key."""
+        return {key: float((chosen == self.labels).mean()) for key, chosen in self.predictions.items()}
+
+
+class Classification(pl.LightningModule):
+    """Trains a network with cross-entropy and tests it under each condition of a corruption suite.
+
+    Args:
+        network: maps images in [0, 1], ``(b, c, h, w)``, to logits ``(b, k)``.
+        spec: shape of the images, and their classes.
+        suite: the test conditions.
+        optimizer: builds the optimiser from the parameters; None for a model that is only evaluated.
+        schedule: factor on the learning rate as a function of the share of epochs done.
+        log_every: steps between two logged training losses.
+    """
+
+    monitor = "val/accuracy"
+
+    def __init__(
+        self,
+        network: nn.Module,
+        spec: ImageSpec,
+        suite: CorruptionSuite,
+        *,
+        optimizer: OptimizerFactory | None = None,
+        schedule: Schedule | None = None,
+        log_every: int = 50,
+    ):
+        super().__init__()
+        self.network, self.spec, self.suite = network, spec, suite
+        self.optimizer_factory, self.schedule = optimizer, schedule
+        self.step_losses = StepLosses(log_every)
+        self.result: ClassificationResult | None = None
+        self._validation: list[Tensor] = []
+        self._test: dict[Condition, list[Tensor]] = {}
+        self._test_labels: list[Tensor] = []
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Logits ``(b, k)`` of images in [0, 1], ``(b, c, h, w)``."""
+        return self.network(images)  # type: ignore[no-any-return]
+
+    def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
+        """Cross-entropy of a batch."""
+        loss = F.cross_entropy(self(batch.images_in_unit_range()), batch.labels)
+        self._log_training_loss(self.step_losses.add(self.global_step, loss))
+        return loss
+
+    def on_train_epoch_end(self) -> None:
+        """Look at the losses since the last logged one, so that no epoch ends unseen."""
+        self._log_training_loss(self.step_losses.flush())
+
+    def _log_training_loss(self, loss: float | None) -> None:
+        if loss is not None and self.logger is not None:
+            rate = self.trainer.optimizers[0].param_groups[0]["lr"]
+            self.logger.log_metrics({"train/loss": loss, "train/learning_rate": rate}, step=self.global_step)
+
+    def validation_step(self, batch: Batch, batch_idx: int) -> None:
+        """Count correct predictions and add up the loss."""
+        logits = self(batch.images_in_unit_range())
+        correct = (logits.argmax(1) == batch.labels).sum()
+        loss = F.cross_entropy(logits, batch.labels, reduction="sum")
+        self._validation.append(torch.stack([correct.double(), loss.double(), torch.tensor(len(batch.labels)).to(loss.double())]))
+
+    def on_validation_epoch_end(self) -> None:
+        """Log ``val/accuracy`` and ``val/loss``."""
+        correct, loss, count = torch.stack(self._validation).sum(0)
+        self._validation = []
+        metrics = {"val/accuracy": (correct / count).float(), "val/loss": (loss / count).float()}
+        self.log_dict(metrics, sync_dist=True)
+
+    def test_step(self, batch: Batch, batch_idx: int) -> None:
+        """Predict a batch under every condition."""
+        images = batch.images_in_unit_range()
+        for condition in self.suite.conditions():
+            logits = self(self.suite.corrupt(images, batch.indices, condition))
+            self._test.setdefault(condition, []).append(logits.argmax(1).cpu())
+        self._test_labels.append(batch.labels.cpu())
+
+    def on_test_epoch_end(self) -> None:
+        """Keep the predictions as :attr:`result` and log ``test/accuracy/<condition>``."""
+        small = torch.uint8 if len(self.spec.classes) <= 256 else torch.int64
+        predictions = {c.key: torch.cat(chosen).to(small).numpy() for c, chosen in self._test.items()}
+        self.result = ClassificationResult(torch.cat(self._test_labels).numpy(), predictions)
+        self._test, self._test_labels = {}, []
+        self.log_dict({f"test/accuracy/{key}": value for key, value in self.result.accuracy().items()})
+
+    def predict_step(self, images: Tensor) -> Tensor:
+        """Class probabilities ``(b, k)`` of images in [0, 1]."""
+        return self(images).softmax(1)
+
+    def configure_optimizers(self) -> Any:
+        """The optimiser, with the schedule stepped once an epoch."""
+        if self.optimizer_factory is None:
+            return None
+        optimizer = self.optimizer_factory(self.parameters())
+        if self.schedule is None:
+            return optimizer
+        schedule, epochs = self.schedule, self.trainer.max_epochs or 1
+        rates = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda epoch: schedule(epoch / epochs))
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "epoch"}}
+
+    def converged(self, validation: dict[str, float]) -> bool:
+        """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""
+        return classification_converged(validation["val/accuracy"], len(self.spec.classes))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What the run keeps beside its metrics: labels, and predictions by condition."""
+        assert self.result is not None
+        return {"labels": self.result.labels, **self.result.predictions}
+
+    def figures(self, test_images: UInt8[Tensor, "n c h w"]) -> "Iterator[tuple[str, Figure]]":
+        """Pictures of the test: accuracy against severity, confusions, corrupted inputs, first-layer kernels."""
+        from sextant.figures.confusion_matrix import confusion_matrix
+        from sextant.figures.contact_sheet import contact_sheet
+        from sextant.figures.first_kernels import first_kernels
+        from sextant.figures.severity_curves import severity_curves
+
+        assert self.result is not None
+        conditions = self.suite.conditions()
+        accuracy = self.result.accuracy()
+        if len(conditions) > 1:
+            levels = {name: [float(v) for v in c.levels] for name, c in self.suite.corruptions.items()}
+            yield "severity_curves", severity_curves(levels, {"this run": accuracy})
+        yield "confusion_matrix", confusion_matrix(self.result.labels, self.result.predictions["clean"], self.spec.classes)
+        shown = torch.arange(min(SHEET_IMAGES, len(test_images)))
+        images = test_images[shown].float() / 255
+        rows = {c.key: self.suite.corrupt(images, shown, c).numpy() for c in conditions}
+        chosen = {key: values[: len(shown)] for key, values in self.result.predictions.items()}
+        yield "contact_sheet", contact_sheet(rows, chosen, self.result.labels[: len(shown)], self.spec.classes)
+        kernels = first_kernels(self.network)
+        if kernels is not None:
+            yield "first_kernels", kernels

@@ -1,0 +1,58 @@
+"""Training losses kept on their device and looked at every few steps."""
+
+import torch
+from torch import Tensor
+
+from sextant.errors import UserError
+
+
+class LossNotFiniteError(UserError):
+    """The training loss became infinite or not a number: going on would only spoil the weights."""
+
+    @classmethod
+    def at(cls, step: int, value: float) -> "LossNotFiniteError":
+        """The error for a loss of ``value`` at ``step``."""
+        return cls(
+            f"the training loss became {value} at step {step}, and the run was stopped",
+            "Lower optimizer.lr, or look at the data; the checkpoint of the last whole epoch is kept.",
+        )
+
+
+class StepLosses:
+    """A buffer of the last ``every`` losses: no transfer and no logging call at each step.
+
+    Args:
+        every: how many steps are looked at together.
+    """
+
+    def __init__(self, every: int):
+        self.every = every
+        self._losses: list[Tensor] = []
+        self._first_step = 0
+
+    def add(self, step: int, loss: Tensor) -> float | None:
+        """Note the loss of ``step``; every ``every`` steps, return the mean of those since the last return.
+
+        Raises:
+            LossNotFiniteError: one of them was not finite; it names the first such step.
+        """
+        if not self._losses:
+            self._first_step = step
+        self._losses.append(loss.detach())
+        return self.flush() if len(self._losses) >= self.every else None
+
+    def flush(self) -> float | None:
+        """The mean of what was noted since the last return, None if nothing was.
+
+        Raises:
+            LossNotFiniteError: as :meth:`add`.
+        """
+        if not self._losses:
+            return None
+        losses = torch.stack(self._losses).float()
+        self._losses = []
+        broken = torch.nonzero(~torch.isfinite(losses))
+        if len(broken):
+            first = int(broken[0])
+            raise LossNotFiniteError.at(self._first_step + first, float(losses[first]))
+        return float(losses.mean())

@@ -1,0 +1,210 @@
+"""MLflow runs made from run directories, while they run or long after."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from filelock import FileLock, Timeout
+from rich.console import Console
+
+from sextant.runs.directory import RunDirectory, all_runs
+from sextant.runs.history import read_history
+from sextant.tracking.store import Store
+
+Status = Literal["RUNNING", "FINISHED", "FAILED", "KILLED"]
+PARENT = "mlflow.parentRunId"
+BATCH = 1000
+FLUSH_EVERY_S = 2.0
+
+
+class MirroredRun:
+    """The MLflow run that mirrors one run directory.
+
+    The directory is the truth: when the store fails, the mirror says so once and falls silent, and training goes on.
+
+    Args:
+        store: where.
+        run_id: an open MLflow run.
+        console: where a failure is told.
+    """
+
+    def __init__(self, store: Store, run_id: str, console: Console | None = None):
+        self.store, self.run_id = store, run_id
+        self.console = console or Console(stderr=True)
+        self._pending: list[tuple[str, float, int, int]] = []
+        self._flushed = time.monotonic()
+        self._broken = False
+
+    def log(self, metrics: Mapping[str, float], step: int, time_ms: int) -> None:
+        """Note metrics; they are sent together, every two seconds or so."""
+        self._pending += [(name, value, time_ms, step) for name, value in metrics.items()]
+        if time.monotonic() - self._flushed > FLUSH_EVERY_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what was noted."""
+        from mlflow.entities import Metric
+
+        pending, self._pending = self._pending, []
+        for start in range(0, len(pending), BATCH):
+            chunk = [Metric(*entry) for entry in pending[start : start + BATCH]]
+            self._try(lambda chunk=chunk: self.store.client.log_batch(self.run_id, metrics=chunk))
+        self._flushed = time.monotonic()
+
+    def artifacts(self, path: Path, folder: str | None = None) -> None:
+        """Copy a file or the files of a folder to the run's artifacts."""
+        client = self.store.client
+        if path.is_dir():
+            self._try(lambda: client.log_artifacts(self.run_id, str(path), folder or path.name))
+        elif path.is_file():
+            self._try(lambda: client.log_artifact(self.run_id, str(path), folder))
+
+    def tags(self, tags: Mapping[str, str]) -> None:
+        """Set tags."""
+        from mlflow.entities import RunTag
+
+        entries = [RunTag(name, value[:5000]) for name, value in tags.items()]
+        self._try(lambda: self.store.client.log_batch(self.run_id, tags=entries))
+
+    def status(self, status: Status) -> None:
+        """Send what was noted and set the run's status."""
+        self.flush()
+        if status == "RUNNING":
+            self._try(lambda: self.store.client.update_run(self.run_id, status=status))
+        else:
+            self._try(lambda: self.store.client.set_terminated(self.run_id, status=status))
+
+    def _try(self, call: Callable[[], object]) -> None:
+        if self._broken:
+            return
+        try:
+            call()
+        except Exception as error:  # whatever the store raises, the run directory has everything
+            self._broken = True
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            self.console.print(
+                f"[yellow]The tracking store failed and is left alone for the rest of this run ({reason}). "
+                "Nothing is lost: `make dashboard` fills it from the run directories.[/]"
+            )
+
+
+def open_mirror(
+    store: Store, directory: RunDirectory, *, experiment: str, parent: str | None = None, console: Console | None = None
+) -> MirroredRun:
+    """The MLflow run of a run directory: the one it had before if the store still has it, or a new one.
+
+    A run that crashed between the making of its MLflow run and the note of it is found by its tag.
+    """
+    experiment_id = store.experiment_id(experiment)
+    state, name = directory.state(), directory.path.name
+    key = f"{directory.path.parent.name}/{name}"
+    run_id = _known_run(store, directory.tracking_ids())
+    if run_id is None:
+        found = store.client.search_runs([experiment_id], f"tags.`sextant.run` = '{key}'", max_results=1)
+        run_id = found[0].info.run_id if found else None
+    if run_id is None:
+        tags = {"mlflow.runName": name, "sextant.run": key, **_provenance_tags(state)}
+        if parent is not None:
+            tags[PARENT] = parent
+        started = int(1000 * state.get("started", time.time()))
+        run_id = store.client.create_run(experiment_id, start_time=started, tags=tags, run_name=name).info.run_id
+        _log_params(store, run_id, state.get("params", {}))
+    if run_id not in directory.tracking_ids():
+        directory.update_state({"mlflow_runs": [*directory.tracking_ids(), run_id]})
+    mirror = MirroredRun(store, run_id, console)
+    mirror.status("RUNNING")
+    if parent is not None:
+        mirror.tags({PARENT: parent})
+    return mirror
+
+
+def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status, *, checkpoint: bool) -> None:
+    """Send final metrics and artifacts of a run directory, and set the status."""
+    results = directory.results()
+    if results is not None:
+        step, when = int(results.get("steps", 0)), int(1000 * directory.state().get("ended", time.time()))
+        mirror.log({k: v for k, v in results["metrics"].items() if v is not None}, step, when)
+        mirror.tags({"sextant.outcome": str(results["outcome"])})
+    failure = directory.state().get("failure")
+    if failure:
+        mirror.tags({"sextant.failure": str(failure)})
+    for path in (directory.config, directory.metrics, directory.figures):
+        mirror.artifacts(path)
+    if checkpoint:
+        mirror.artifacts(directory.checkpoints)
+    mirror.status(status)
+
+
+def refill(store: Store, outputs: Path, *, progress: Callable[[str], None] = lambda _: None) -> int:
+    """Bring a store up to date with the run directories: missing runs are made again, dead ones marked KILLED.
+
+    Returns:
+        How many runs were made or mended.
+    """
+    changed = 0
+    alive = {run for folder in outputs.glob("runs/*/.locks/*.lock") if _is_locked(folder) for run in (_lock_key(folder),)}
+    for directory in all_runs(outputs):
+        state = directory.state()
+        task, name = directory.path.parent.name, directory.path.name
+        if any(f"{task}/{name}".startswith(run) for run in alive):
+            continue
+        status: Status = "FINISHED" if directory.results() is not None else "FAILED" if state.get("failure") else "KILLED"
+        known = _known_run(store, directory.tracking_ids())
+        if known is not None and store.client.get_run(known).info.status == status:
+            continue
+        progress(f"{task}/{name}")
+        mirror = open_mirror(store, directory, experiment=str(state.get("experiment", task)))
+        if known is None:
+            for line in read_history(directory.history):
+                mirror.log({k: v for k, v in line["metrics"].items() if math.isfinite(v)}, line["step"], line["time_ms"])
+        finish_mirror(mirror, directory, status, checkpoint=False)
+        changed += 1
+    return changed
+
+
+def _lock_key(lock: Path) -> str:
+    return f"{lock.parent.parent.name}/{lock.stem}"
+
+
+def _is_locked(path: Path) -> bool:
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        return True
+    lock.release()
+    return False
+
+
+def _known_run(store: Store, run_ids: list[str]) -> str | None:
+    from mlflow.exceptions import MlflowException
+
+    for run_id in reversed(run_ids):
+        try:
+            run = store.client.get_run(run_id)
+        except MlflowException:
+            continue
+        if run.info.lifecycle_stage == "active":
+            return run_id
+    return None
+
+
+def _log_params(store: Store, run_id: str, params: Mapping[str, Any]) -> None:
+    from mlflow.entities import Param
+
+    entries = [Param(name, str(value)[:6000]) for name, value in params.items()]
+    for start in range(0, len(entries), 100):
+        store.client.log_batch(run_id, params=entries[start : start + 100])
+
+
+def _provenance_tags(state: Mapping[str, Any]) -> dict[str, str]:
+    tags = {f"sextant.{name}": str(state[name]) for name in ("digest", "seed", "code", "data") if name in state}
+    origin = state.get("provenance", {})
+    git = origin.get("git", {})
+    if git.get("commit"):
+        tags |= {"mlflow.source.git.commit": git["commit"], "sextant.git.dirty": str(git.get("dirty"))}
+    tags |= {f"version.{name}": str(value) for name, value in origin.get("versions", {}).items()}
+    tags |= {f"hardware.{name}": str(value) for name, value in origin.get("hardware", {}).items()}
+    return tags

@@ -1,0 +1,131 @@
+"""The tracking store: an embedded sqlite database, or a server."""
+
+import sqlite3
+import urllib.error
+import urllib.request
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from filelock import FileLock
+
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+Kind = Literal["sqlite", "server"]
+
+
+@dataclass(frozen=True)
+class Store:
+    """An open tracking store.
+
+    Attributes:
+        client: the MLflow client.
+        uri: its address.
+        artifacts: folder of the artifacts of an embedded store, None for a server.
+    """
+
+    client: "MlflowClient"
+    uri: str
+    artifacts: Path | None
+
+    def experiment_id(self, name: str) -> str:
+        """The id of an experiment, made if it is not there; two processes may ask at once."""
+        from mlflow.exceptions import MlflowException
+
+        found = self.client.get_experiment_by_name(name)
+        if found is None:
+            location = None if self.artifacts is None else (self.artifacts / name).as_uri()
+            try:
+                return str(self.client.create_experiment(name, artifact_location=location))
+            except MlflowException:
+                found = self.client.get_experiment_by_name(name)
+                if found is None:
+                    raise
+        if found.lifecycle_stage == "deleted":
+            self.client.restore_experiment(found.experiment_id)
+        return str(found.experiment_id)
+
+
+def sqlite_uri(outputs: Path) -> str:
+    """Address of the embedded database of an output folder."""
+    return f"sqlite:///{outputs.absolute() / 'mlflow.db'}"
+
+
+def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
+    """Open the store, making the embedded one if it is not there.
+
+    The embedded database is made under a lock (MLflow makes its tables without one), switched to write-ahead logging so
+    that many processes can write, and its artifact addresses follow a moved output folder.
+
+    Raises:
+        UserError: the server does not answer, or the database is not one of MLflow's.
+    """
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    if kind == "server":
+        assert uri is not None
+        require_server(uri)
+        return Store(MlflowClient(uri), uri, None)
+
+    outputs = outputs.absolute()
+    database, artifacts = outputs / "mlflow.db", outputs / "artifacts"
+    artifacts.mkdir(parents=True, exist_ok=True)
+    uri = sqlite_uri(outputs)
+    with FileLock(outputs / ".mlflow.lock"):
+        try:
+            client = MlflowClient(uri)
+            client.get_experiment("0")
+            _write_ahead_and_follow(database, artifacts)
+        except (sqlite3.Error, MlflowException) as error:
+            raise UserError(
+                f"{database} cannot be opened as a tracking store: {str(error).splitlines()[0]}",
+                "Move it away: it is a mirror, and `make dashboard` fills a new one from the run directories.",
+            ) from None
+    return Store(client, uri, artifacts)
+
+
+def require_server(uri: str, timeout_s: float = 3.0) -> None:
+    """Ask an MLflow server whether it is there; addresses of databases are not asked.
+
+    Raises:
+        UserError: it does not answer within ``timeout_s``.
+    """
+    if not uri.startswith(("http://", "https://")):
+        return
+    try:
+        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=timeout_s).close()
+    except urllib.error.HTTPError:
+        return  # something answers; whether it is MLflow will be seen
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "reason", error)
+        raise UserError(
+            f"tracking.uri={uri}: no MLflow server answers there ({reason})",
+            "Start one, correct the address, or log to the embedded store: tracking=sqlite",
+        ) from None
+
+
+def _write_ahead_and_follow(database: Path, artifacts: Path) -> None:
+    """Set WAL once, and point artifact addresses of a moved folder to where it is now."""
+    connection = sqlite3.connect(database, timeout=20)
+    try:
+        connection.execute("PRAGMA journal_mode=WAL")
+        rows = connection.execute("SELECT experiment_id, name, artifact_location FROM experiments").fetchall()
+        for identifier, name, location in rows:
+            here = (artifacts / name).as_uri()
+            if location == here:
+                continue
+            with connection:
+                connection.execute(
+                    "UPDATE experiments SET artifact_location = ? WHERE experiment_id = ?", (here, identifier)
+                )
+                connection.execute(
+                    "UPDATE runs SET artifact_uri = ? || substr(artifact_uri, ?) "
+                    "WHERE experiment_id = ? AND substr(artifact_uri, 1, ?) = ?",
+                    (here, len(location) + 1, identifier, len(location), location),
+                )
+    finally:
+        connection.close()
