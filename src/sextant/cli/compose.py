@@ -3,12 +3,14 @@
 import os
 import re
 from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
@@ -46,7 +48,8 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
         UserError: an override is not understood; names it, what is near it, and what to write instead.
     """
     register_resolvers()
-    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+    inside_hydra = GlobalHydra.instance().is_initialized()
+    with nullcontext() if inside_hydra else initialize_config_dir(str(conf_dir()), version_base="1.3"):
         try:
             return hydra_compose(name, overrides=list(overrides))
         except (HydraException, OmegaConfBaseException) as error:

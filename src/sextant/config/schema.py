@@ -325,8 +325,6 @@ class Contrast(Node):
 
     treatment: str
     control: str
-    noise_floor: bool = False
-    published: dict[str, dict[str, float]] = Field(default_factory=dict)
 
 
 class Sweep(Node):
@@ -338,7 +336,8 @@ class Sweep(Node):
     arms: dict[str, Arm] = Field(default_factory=dict)
     seeds: int | list[Seed] = Field(default=1, examples=[8])
     contrasts: dict[str, Contrast] = Field(default_factory=dict)
-    published: dict[str, dict[str, float]] = Field(default_factory=dict)
+    noise_floor: str | None = None
+    published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
     interval: Literal["t", "bootstrap"] = "t"
 
     @model_validator(mode="after")
@@ -347,6 +346,8 @@ class Sweep(Node):
             for arm in (contrast.treatment, contrast.control):
                 if arm not in self.arms:
                     raise ValueError(f"sweep.contrasts.{name} names the arm {arm!r}; arms are {', '.join(self.arms)}")
+        if self.noise_floor is not None and self.noise_floor not in self.contrasts:
+            raise ValueError(f"sweep.noise_floor={self.noise_floor} must be one of {', '.join(self.contrasts)}")
         return self
 
     def seed_list(self) -> list[int]:

@@ -1,0 +1,107 @@
+"""The directory of a sweep: which cells it plans and where their runs lie."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sextant.errors import UserError
+from sextant.runs.atomic import read_json, write_json
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One planned run of a sweep.
+
+    Attributes:
+        factors: the setting that this cell shares with the cells it is compared to.
+        arm: which of the compared things it is.
+        pair: number of the seed in the sweep's list; cells of one pair are compared with each other.
+        seed: the seed it runs with: the pair's, plus the arm's offset.
+        digest: digest of its config.
+        run: its run directory, relative to the output folder.
+        message: why it failed, empty if it did not.
+    """
+
+    factors: dict[str, str]
+    arm: str
+    pair: int
+    seed: int
+    digest: str
+    run: str
+    message: str = ""
+
+    @property
+    def setting(self) -> str:
+        """The factors' values, such as ``lenet_a``; ``-`` without factors."""
+        return ", ".join(self.factors.values()) or "-"
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """What a sweep runs and how it is to be read; the content of ``cells.json``.
+
+    Attributes:
+        definition: the ``sweep`` node of the config.
+        command: the overrides it was called with.
+        cells: every planned run.
+        mlflow_runs: the parent runs that mirror or mirrored it, the newest last.
+    """
+
+    name: str
+    definition: dict[str, Any]
+    command: list[str]
+    cells: list[Cell]
+    mlflow_runs: list[str] = field(default_factory=list)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the planned runs, wherever they lie."""
+        cells = sorted([cell.setting, cell.arm, cell.pair, cell.seed, cell.digest] for cell in self.cells)
+        return hashlib.sha256(json.dumps(cells).encode()).hexdigest()
+
+    def directory(self, outputs: Path) -> Path:
+        """``outputs/sweeps/<name>-<digest8>``."""
+        return outputs / "sweeps" / f"{self.name}-{self.digest[:8]}"
+
+    def write(self, outputs: Path) -> Path:
+        """Write ``cells.json`` and return the sweep's directory."""
+        directory = self.directory(outputs)
+        write_json(directory / "cells.json", asdict(self))
+        return directory
+
+
+def read_plan(directory: Path) -> SweepPlan:
+    """The plan in a sweep's directory.
+
+    Raises:
+        UserError: there is none, or it is damaged.
+    """
+    found = read_json(directory / "cells.json")
+    if not isinstance(found, Mapping):
+        raise UserError(f"{directory}/cells.json is missing or damaged", "Run the sweep again: what is finished is kept.")
+    return SweepPlan(**{**found, "cells": [Cell(**cell) for cell in found["cells"]]})
+
+
+def find_sweep(reference: str, outputs: Path) -> Path:
+    """The directory of a sweep given by its name (the newest of that name), directory, or MLflow parent run.
+
+    Raises:
+        UserError: there is no such sweep; lists those there are.
+    """
+    path = Path(reference).expanduser()
+    if (path / "cells.json").is_file():
+        return path.absolute()
+    directories = sorted(outputs.glob("sweeps/*/cells.json"), key=lambda file: file.stat().st_mtime, reverse=True)
+    for file in directories:
+        if file.parent.name == reference:
+            return file.parent
+    plans: Sequence[tuple[Path, SweepPlan]] = [(file.parent, read_plan(file.parent)) for file in directories]
+    for directory, plan in plans:
+        if reference == plan.name or reference in plan.mlflow_runs:
+            return directory
+    names = ", ".join(dict.fromkeys(plan.name for _, plan in plans))
+    known = f"Sweeps here: {names}" if names else "There are no sweeps here yet: make sweep-demo makes one"
+    raise UserError(f"sweep={reference}: no sweep of that name, directory or parent run. {known}")
