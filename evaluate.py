@@ -1,3 +1,5 @@
+"""``sextant evaluate`` from a checkout."""
+
 from sextant.cli import run_script
 
 run_script("evaluate")

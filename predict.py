@@ -1,3 +1,5 @@
+"""``sextant predict`` from a checkout."""
+
 from sextant.cli import run_script
 
 run_script("predict")

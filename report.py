@@ -1,3 +1,5 @@
+"""``sextant report`` from a checkout."""
+
 from sextant.cli import run_script
 
 run_script("report")

@@ -1,7 +1,7 @@
 """Sextant: experiments in computer vision that join geometry with learning.
 
 The package is a functional core (``layers``, ``corruptions``, ``models``, ``evaluation``, ...) that works alone in a
-notebook, and a frame around it (``tasks``, ``runs``, ``tracking``, ``reports``, ``cli``) that turns it into experiments.
+notebook, and a frame around it (``tasks``, ``runs``, ``tracking``, ``reports``, ``cli``) that makes experiments of it.
 Importing ``sextant`` itself imports nothing heavy.
 """
 

@@ -120,7 +120,7 @@ def _unknown_key(key: str, value: str, overrides: Sequence[str], name: str) -> U
         return None
     near = nearest(key, [*known, *groups()]) or nearest(key.rsplit(".", 1)[-1], [*known, *groups()])
     if near is None and "." in key:
-        siblings = [k for k in known if k.startswith(key.split(".")[0] + ".")]
+        siblings = [k for k in known if k.startswith(key.split(".", maxsplit=1)[0] + ".")]
         near_text = f"Keys there: {', '.join(siblings)}" if siblings else ""
     else:
         near_text = f"Did you mean {near}={value}?" if near else f"Groups: {', '.join(groups())}"

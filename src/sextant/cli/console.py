@@ -10,7 +10,9 @@ from rich.table import Table
 
 from sextant.errors import UserError
 
-console = Console(highlight=False, soft_wrap=True)
+WIDTH_WITHOUT_TERMINAL = 120
+
+console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
 

@@ -2,7 +2,7 @@
 
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -24,6 +24,8 @@ from sextant.runs.source_tree import source_tree_sha256
 if TYPE_CHECKING:
     from sextant.tracking.mirror import MirroredRun
 
+OpenMirror = Callable[[], "MirroredRun | None"]
+Work = Callable[[RunDirectory, OpenMirror], dict[str, Any]]
 OutcomeName = Literal["finished", "diverged", "failed"]
 
 
@@ -71,35 +73,51 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
     """
     config = validate(raw)
     source = build_source(raw, config)
-    key, outputs = run_key(raw, config, source), Path(config.paths.outputs)
+    key = run_key(raw, config, source)
+
+    def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
+        from sextant.cli.training import train_and_test
+
+        return train_and_test(raw, config, source, directory, key, open_mirror())
+
+    return run_once(key, raw, config, work, wait=wait)
+
+
+def run_once(key: RunKey, raw: Mapping[str, Any], config: Config, work: Work, *, wait: bool = False) -> Outcome:
+    """Return the finished run ``key`` if there is one, else do its ``work`` in its directory, under its lock.
+
+    ``work`` gets the directory and a function that opens the MLflow run, and returns what it wrote to ``metrics.json``.
+    """
+    outputs = Path(config.paths.outputs)
     with run_lock(outputs / "runs" / key.task, key.name, wait):
         found = claim(outputs, key, config.reuse)
         results = found.directory.results()
         if found.finished and results is not None:
             return Outcome(results["outcome"], found.directory.path, reused=True)
-        return _Run(found, key, raw, config, source).run()
+        return _Run(found, key, raw, config).run(work)
 
 
 class _Run:
     """One run, from the claim of its directory to its outcome."""
 
-    def __init__(self, found: Claim, key: RunKey, raw: Mapping[str, Any], config: Config, source: ImageSource):
+    def __init__(self, found: Claim, key: RunKey, raw: Mapping[str, Any], config: Config):
         self.directory: RunDirectory = found.directory
         self.passed_over = found.passed_over
-        self.key, self.raw, self.config, self.source = key, raw, config, source
+        self.key, self.raw, self.config = key, raw, config
         self.mirror: MirroredRun | None = None
 
-    def run(self) -> Outcome:
+    def run(self, work: Work) -> Outcome:
         from sextant.cli.show import show_start
 
         self._begin()
         show_start(self.raw, self.config, self.directory, self.passed_over)
         with self._recorded():
-            from sextant.cli.training import train_and_test
-
-            self._open_mirror()
-            results = train_and_test(self.raw, self.config, self.source, self.directory, self.key, self.mirror)
+            results = work(self.directory, self._open_mirror)
         return Outcome(results["outcome"], self.directory.path)
+
+    @property
+    def _experiment(self) -> str:
+        return self.config.tracking.experiment or self.config.task.name
 
     def _begin(self) -> None:
         path = self.directory.path
@@ -110,28 +128,28 @@ class _Run:
         self.directory.update_state(
             {
                 **asdict(self.key),
-                "experiment": self.config.tracking.experiment or self.config.task.name,
+                "experiment": self._experiment,
                 "started": earlier.get("started", time.time()),
                 "failure": None,
                 "params": _flat({k: v for k, v in self.raw.items() if k not in ("paths", "tracking", "sweep")}),
             }
         )
 
-    def _open_mirror(self) -> None:
+    def _open_mirror(self) -> "MirroredRun | None":
         from sextant.runs.provenance import provenance
 
         self.directory.update_state({"provenance": provenance()})
         tracking = self.config.tracking
         if tracking.kind == "none":
-            return
+            return None
         from sextant.tracking.mirror import open_mirror
         from sextant.tracking.store import open_store
 
         store = open_store(tracking.kind, tracking.uri, Path(self.config.paths.outputs))
-        experiment = tracking.experiment or self.config.task.name
         self.mirror = open_mirror(
-            store, self.directory, experiment=experiment, parent=tracking.parent_run, console=console
+            store, self.directory, experiment=self._experiment, parent=tracking.parent_run, console=console
         )
+        return self.mirror
 
     @contextmanager
     def _recorded(self) -> Iterator[None]:

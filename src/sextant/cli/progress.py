@@ -21,6 +21,7 @@ class TrainingProgress(Callback):
         self._drawn = 0.0
 
     def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Start the bar."""
         if not console.is_terminal:
             return
         columns = (
@@ -37,11 +38,13 @@ class TrainingProgress(Callback):
         self._bar.start()
 
     def on_train_batch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule, *_: Any) -> None:
+        """Move the bar, a few times a second."""
         if self._bar is not None and time.monotonic() - self._drawn > REFRESH_S:
             self._drawn = time.monotonic()
             self._bar.update(self._bar.task_ids[0], completed=trainer.global_step, epoch=trainer.current_epoch + 1)
 
     def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        """Show the validation metric."""
         name = str(pl_module.monitor)
         value = trainer.callback_metrics.get(name)
         text = "" if value is None else f"{name} {float(value):.4f}"
@@ -52,6 +55,7 @@ class TrainingProgress(Callback):
             console.print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {text}")
 
     def teardown(self, trainer: pl.Trainer, pl_module: pl.LightningModule, stage: str) -> None:
+        """Take the bar away."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

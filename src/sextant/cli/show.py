@@ -51,14 +51,16 @@ def show_result(directory: RunDirectory, *, reused: bool) -> None:
     if results["outcome"] == "diverged":
         console.print("[yellow]This run did not learn: its validation accuracy is near chance.[/]")
     run, timing = _shorter(directory.path), results["timing"]
-    console.print(
-        f"{results['parameters']:,} parameters, trained in {timing['fit_s']:.1f} s, tested in {timing['test_s']:.1f} s\n"
-        f"figures    {run}/figures\n"
-        f"evaluate   python evaluate.py run={run} corruption=gaussian\n"
-        f"predict    python predict.py run={run} input=<folder> output=<folder>\n"
-        f"sweep      python train.py -m seed=0,1,2 inhibition=none,push_pull\n"
-        f"dashboard  make dashboard"
-    )
+    trained = f"trained in {timing['fit_s']:.1f} s, " if timing["fit_s"] else ""
+    console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")
+    console.print(f"figures    {run}/figures")
+    if timing["fit_s"]:
+        console.print(
+            f"evaluate   python evaluate.py run={run} corruption=gaussian\n"
+            f"predict    python predict.py run={run} input=<folder> output=<folder>\n"
+            f"sweep      python train.py -m seed=0,1,2 inhibition=none,push_pull\n"
+            f"dashboard  make dashboard"
+        )
 
 
 def _part(node: Mapping[str, Any]) -> str:

@@ -68,13 +68,15 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
     sweep = validate({**base, "sweep": definition}).sweep
     assert sweep is not None
 
-    seeds = [int(seed) for seed in swept.pop("seed", [])] or (sweep.seed_list() if base.get("sweep") else [base["seed"]])
+    seeds = [int(seed) for seed in swept.pop("seed", [])] or (
+        sweep.seed_list() if base.get("sweep") else [base["seed"]]
+    )
     arms = {name: (arm.overrides, arm.seed_offset) for name, arm in sweep.arms.items()}
     factors = {key: [str(value) for value in values] for key, values in sweep.factors.items()} | swept
     if not arms and factors:  # without arms in the config, the last swept key is what is compared
-        key = list(factors)[-1]
-        arms = {value: ([f"{key}={value}"], 0) for value in factors.pop(key)}
-        definition |= {"arms": {name: {"overrides": given} for name, (given, _) in arms.items()}, "compared": key}
+        compared = list(factors)[-1]
+        arms = {value: ([f"{compared}={value}"], 0) for value in factors.pop(compared)}
+        definition |= {"arms": {name: {"overrides": given} for name, (given, _) in arms.items()}}
     if not arms:
         arms = {"run": ([], 0)}
 
@@ -106,15 +108,14 @@ def _choices(override: Override) -> list[str]:
     return [str(value) for value in override.sweep_string_iterator()]
 
 
-def _run_missing(
-    plan: SweepPlan, missing: list[Planned], config: Config, outputs: Path, launch: Launch
-) -> SweepPlan:
+def _run_missing(plan: SweepPlan, missing: list[Planned], config: Config, outputs: Path, launch: Launch) -> SweepPlan:
     quiet = ["trainer.progress=false"]
     parent = None
     if config.tracking.kind != "none":
         from sextant.tracking.sweep_parent import open_parent
 
-        parent = open_parent(config.tracking.kind, config.tracking.uri, outputs, plan, config)
+        experiment = config.tracking.experiment or config.task.name
+        parent = open_parent(config.tracking.kind, config.tracking.uri, outputs, plan, experiment)
         plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
         plan.write(outputs)
         quiet.append(f"tracking.parent_run={parent.run_id}")

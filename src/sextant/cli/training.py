@@ -14,6 +14,7 @@ from sextant.cli.assemble import build_classification, build_data
 from sextant.cli.progress import TrainingProgress
 from sextant.cli.resolve import resolve_run
 from sextant.config import Config
+from sextant.data.datamodule import ImageData
 from sextant.data.source import ImageSource, ImageSpec
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
@@ -48,7 +49,12 @@ def train_and_test(
     if config.init_from is not None:
         _load_weights(module, resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint)
     logger = RunLogger(directory, mirror)
-    trainer = _trainer(config, module, directory, logger, _Provenance(raw, spec, key))
+    callbacks = [_EpochSeed(config.seed), _Provenance(raw, spec, key), _every_epoch(directory)]
+    if config.task.test_checkpoint == "best":
+        callbacks.append(_best_epoch(directory, module.monitor))
+    if config.trainer.progress:
+        callbacks.append(TrainingProgress())
+    trainer = _trainer(config, directory, logger, callbacks)
 
     monitor = mirror if config.tracking.system_metrics else None
     with system_metrics(monitor, config.tracking.system_metrics_every_s):
@@ -58,25 +64,52 @@ def train_and_test(
             raise KeyboardInterrupt
         fitted = time.monotonic()
         results = _test(trainer, module, data, config, directory)
-    results |= {
-        "digest": key.digest,
-        "seed": key.seed,
-        "code": key.code,
-        "data": key.data,
-        "timing": {"fit_s": fitted - began, "test_s": time.monotonic() - fitted},
-    }
+    return _write_results(results, directory, key, fit_s=fitted - began, test_s=time.monotonic() - fitted)
+
+
+def test_checkpoint(
+    raw: Mapping[str, Any],
+    config: Config,
+    source: ImageSource,
+    checkpoint: Path,
+    directory: RunDirectory,
+    key: RunKey,
+) -> dict[str, Any]:
+    """Test the model in a checkpoint under the conditions of ``raw``, and write results as a training run does."""
+    began = time.monotonic()
+    torch.set_num_threads(config.trainer.threads)
+    module = model_from_checkpoint(raw, checkpoint)
+    data = build_data(source, config)
+    trainer = _trainer(config, directory, RunLogger(directory, None), [])
+    metrics = dict(trainer.test(module, data, verbose=False)[0])
+    results = {"outcome": "finished", "metrics": metrics} | _write_test(module, data, directory)
+    return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
+
+
+def model_from_checkpoint(raw: Mapping[str, Any], checkpoint: Path) -> Classification:
+    """The trained module in a checkpoint, built from ``raw``: its own config, perhaps with other test conditions."""
+    content = load_checkpoint(checkpoint)
+    module = build_classification(raw, spec_of(content), log_every=50, training=False)
+    _load_weights(module, checkpoint)
+    return module.eval()
+
+
+def spec_of(checkpoint: Mapping[str, Any]) -> ImageSpec:
+    """Shape and classes of the images that a checkpoint was trained on."""
+    spec = checkpoint[KEY]["spec"]
+    return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))
+
+
+def _write_results(
+    results: dict[str, Any], directory: RunDirectory, key: RunKey, *, fit_s: float, test_s: float
+) -> dict[str, Any]:
+    identity = {"digest": key.digest, "seed": key.seed, "code": key.code, "data": key.data}
+    results = results | identity | {"timing": {"fit_s": fit_s, "test_s": test_s}}
     write_json(directory.metrics, results)
     return results
 
 
-def _trainer(
-    config: Config, module: Classification, directory: RunDirectory, logger: RunLogger, provenance: Callback
-) -> pl.Trainer:
-    callbacks = [_EpochSeed(config.seed), provenance, _every_epoch(directory)]
-    if config.task.test_checkpoint == "best":
-        callbacks.append(_best_epoch(directory, module.monitor))
-    if config.trainer.progress:
-        callbacks.append(TrainingProgress())
+def _trainer(config: Config, directory: RunDirectory, logger: RunLogger, callbacks: list[Callback]) -> pl.Trainer:
     return pl.Trainer(
         accelerator=config.trainer.accelerator,
         devices=config.trainer.devices,
@@ -85,6 +118,7 @@ def _trainer(
         max_epochs=config.trainer.max_epochs,
         logger=logger,
         callbacks=callbacks,
+        enable_checkpointing=bool(callbacks),
         plugins=[AtomicCheckpointIO()],
         default_root_dir=directory.path,
         log_every_n_steps=config.trainer.log_every,
@@ -92,7 +126,6 @@ def _trainer(
         use_distributed_sampler=False,
         enable_progress_bar=False,
         enable_model_summary=False,
-        barebones=False,
     )
 
 
@@ -114,7 +147,7 @@ def _best_epoch(directory: RunDirectory, monitor: str) -> ModelCheckpoint:
 
 
 def _test(
-    trainer: pl.Trainer, module: Classification, data: pl.LightningDataModule, config: Config, directory: RunDirectory
+    trainer: pl.Trainer, module: Classification, data: ImageData, config: Config, directory: RunDirectory
 ) -> dict[str, Any]:
     """Validate and test the chosen weights, and write arrays and figures."""
     epochs, steps = trainer.current_epoch, trainer.global_step
@@ -122,18 +155,22 @@ def _test(
         module.load_state_dict(load_checkpoint(directory.best_checkpoint)["state_dict"])
     validation = dict(trainer.validate(module, data, verbose=False)[0])
     metrics = validation | dict(trainer.test(module, data, verbose=False)[0])
-    arrays = module.arrays()
-    write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **arrays))
-    for name, figure in module.figures(data.split("test").images):  # type: ignore[attr-defined]
-        save_figure(figure, directory.figures, name)
     return {
         "outcome": "finished" if module.converged(validation) else "diverged",
         "metrics": metrics,
         "test_checkpoint": config.task.test_checkpoint,
         "epochs": epochs,
         "steps": steps,
-        "parameters": sum(parameter.numel() for parameter in module.parameters()),
-    }
+    } | _write_test(module, data, directory)
+
+
+def _write_test(module: Classification, data: ImageData, directory: RunDirectory) -> dict[str, Any]:
+    """Write per-image results and figures of the last test; return what describes the model."""
+    arrays = module.arrays()
+    write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **arrays))  # type: ignore[arg-type]
+    for name, figure in module.figures(data.split("test").images):
+        save_figure(figure, directory.figures, name)
+    return {"parameters": sum(parameter.numel() for parameter in module.parameters())}
 
 
 def _load_weights(module: Classification, checkpoint: Path) -> None:
@@ -142,7 +179,7 @@ def _load_weights(module: Classification, checkpoint: Path) -> None:
     except RuntimeError as error:
         lines = [line.strip() for line in str(error).splitlines()[1:4]]
         raise UserError(
-            f"init_from: the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
+            f"the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
             "Choose the backbone and inhibition that the checkpoint was trained with.",
         ) from None
 

@@ -48,7 +48,13 @@ def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    return repr(value) if isinstance(value, str | dict | list) else str(value).lower() if isinstance(value, bool) else str(value)
+    return (
+        repr(value)
+        if isinstance(value, str | dict | list)
+        else str(value).lower()
+        if isinstance(value, bool)
+        else str(value)
+    )
 
 
 def _example(key: str, field: FieldInfo | None) -> str:

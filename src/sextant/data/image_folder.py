@@ -5,6 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
@@ -94,25 +96,32 @@ class ImageFolder(ImageSource):
         needed = len(paths) * self.channels * self.size**2
         if needed > LARGEST_IN_MEMORY:
             raise UserError(
-                f"dataset.folder={self.folder}: {len(paths):,} images of {self.size}x{self.size} need {needed / 2**30:.1f} GiB",
+                f"dataset.folder={self.folder}: {len(paths):,} images of {self.size}x{self.size} pixels "
+                f"need {needed / 2**30:.1f} GiB of memory",
                 f"Use smaller images, for example dataset.size={self.size // 2}",
             )
         with ThreadPoolExecutor() as pool:  # Pillow decodes outside the interpreter lock
-            images = list(pool.map(self._decode, paths))
+            images = list(pool.map(lambda path: decode_square(path, self.size, self.channels), paths))
         index = {name: label for label, name in enumerate(self._classes())}
         labels = np.array([index[path.parent.name] for path in paths], np.int64)
         return LabelledImages(channels_first(np.stack(images)), labels)
 
-    def _decode(self, path: Path) -> np.ndarray:
-        try:
-            with Image.open(path) as image:
-                upright = ImageOps.exif_transpose(image).convert("RGB" if self.channels == 3 else "L")
-                return np.asarray(ImageOps.fit(upright, (self.size, self.size), Image.Resampling.BICUBIC))
-        except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
-            raise UserError(
-                f"{path} cannot be read as an image ({path.stat().st_size:,} bytes): {error}",
-                "Replace the file or take it out of the folder.",
-            ) from None
+
+def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *c"]:
+    """An image turned upright, scaled to cover a square of ``size`` pixels and cropped at its centre.
+
+    Raises:
+        UserError: it cannot be decoded; it is named.
+    """
+    try:
+        with Image.open(path) as image:
+            upright = ImageOps.exif_transpose(image).convert("RGB" if channels == 3 else "L")
+            return np.asarray(ImageOps.fit(upright, (size, size), Image.Resampling.BICUBIC))
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+        raise UserError(
+            f"{path} cannot be read as an image ({path.stat().st_size:,} bytes): {error}",
+            "Replace the file or take it out of the folder.",
+        ) from None
 
 
 def _images(folder: Path) -> list[Path]:

@@ -113,7 +113,7 @@ def read_idx(path: Path) -> np.ndarray:
         UserError: it is not such a file, or its length is not what its header says.
     """
     try:
-        content = gzip.open(path).read() if path.suffix == ".gz" else path.read_bytes()
+        content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
     except (OSError, EOFError) as error:
         raise UserError(f"{path} cannot be read: {error}", "Delete it and fetch it again.") from None
     header = 4 + 4 * content[3] if len(content) >= 4 else 0
@@ -123,4 +123,4 @@ def read_idx(path: Path) -> np.ndarray:
     expected = header + int(np.prod(shape))
     if len(content) != expected:
         raise UserError(f"{path} is truncated: {len(content):,} bytes, its header says {expected:,}", "Fetch it again.")
-    return np.frombuffer(content, np.uint8, offset=header).reshape(shape)
+    return np.frombuffer(bytearray(content), np.uint8, offset=header).reshape(shape)  # writable, as torch wants it

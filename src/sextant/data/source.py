@@ -99,8 +99,8 @@ def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], 
     looked = "\n".join(f"  {path}" for path in folders)
     raise MissingDataError(
         f"dataset={dataset}: {', '.join(missing)} not found. Looked in\n{looked}",
-        f"Put the files there ({source}), set SEXTANT_DATA to the folder that holds {folder.split('/')[0]}/, or let\n"
-        f"torchvision fetch them with dataset.download=true. Without any download: dataset=digits",
+        f"Put the files there ({source}), set SEXTANT_DATA to the folder that holds {folder}, or let\n"
+        "torchvision fetch them with dataset.download=true. Without any download: dataset=digits",
     )
 
 

@@ -88,8 +88,8 @@ def bootstrap_t_interval(
     """Studentized bootstrap interval of the mean over seeds, images resampled within each resampled seed.
 
     Resampled means over images are drawn as normal with the images' standard error, which the central limit theorem
-    allows from some hundred images on and which saves a factor of their number. With one image a seed nothing is nested.
-    A percentile bootstrap is not offered: with few seeds it covers far less than it says (Efron & Tibshirani 1993, 12.5).
+    allows from some hundred images on and which saves a factor of their number; one image a seed nests nothing.
+    A percentile bootstrap is not offered: with few seeds it covers less than it says (Efron & Tibshirani 1993, 12.5).
     """
     count, width = images.shape
     if count < 2:

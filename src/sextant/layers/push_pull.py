@@ -68,7 +68,9 @@ def push_pull(
     """
     kernel = (weight.shape[2], weight.shape[3])
     if scale < 1 or (scale > 1 and (kernel[0] % 2 == 0 or kernel[1] % 2 == 0)):
-        raise ValueError(f"push-pull needs scale >= 1 and, above 1, odd kernel sides; got scale={scale}, kernel={kernel}")
+        raise ValueError(
+            f"push-pull needs scale >= 1 and, above 1, odd kernel sides; got scale={scale}, kernel={kernel}"
+        )
 
     def convolve(kernels: Tensor, offset: Tensor | None, pad: tuple[int, int]) -> Tensor:
         if padding_mode == "zeros":

@@ -1,6 +1,7 @@
 """Files that are either wholly there or not at all."""
 
 import json
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -45,6 +46,4 @@ def _finite(value: Any) -> Any:
         return {key: _finite(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(inner) for inner in value]
-    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
-        return None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -116,7 +116,7 @@ def claim(outputs: Path, key: RunKey, reuse: Reuse = "exact") -> Claim:
     A directory is taken if it was computed with the same data and the same code; ``reuse="any_code"`` forgives other
     code. Otherwise the run goes into ``<name>-2``, ``<name>-3``, ..., and nothing is overwritten.
     """
-    passed_over = []
+    passed_over: list[str] = []
     for path in _candidates(outputs / "runs" / key.task / key.name):
         directory = RunDirectory(path)
         state, finished = directory.state(), directory.metrics.is_file()

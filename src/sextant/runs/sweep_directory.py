@@ -81,7 +81,9 @@ def read_plan(directory: Path) -> SweepPlan:
     """
     found = read_json(directory / "cells.json")
     if not isinstance(found, Mapping):
-        raise UserError(f"{directory}/cells.json is missing or damaged", "Run the sweep again: what is finished is kept.")
+        raise UserError(
+            f"{directory}/cells.json is missing or damaged", "Run the sweep again: what is finished is kept."
+        )
     return SweepPlan(**{**found, "cells": [Cell(**cell) for cell in found["cells"]]})
 
 

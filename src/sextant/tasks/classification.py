@@ -101,13 +101,14 @@ class Classification(pl.LightningModule):
         logits = self(batch.images_in_unit_range())
         correct = (logits.argmax(1) == batch.labels).sum()
         loss = F.cross_entropy(logits, batch.labels, reduction="sum")
-        self._validation.append(torch.stack([correct.double(), loss.double(), torch.tensor(len(batch.labels)).to(loss.double())]))
+        count = torch.tensor(float(len(batch.labels)), device=loss.device)
+        self._validation.append(torch.stack([correct.float(), loss.float(), count]))
 
     def on_validation_epoch_end(self) -> None:
         """Log ``val/accuracy`` and ``val/loss``."""
         correct, loss, count = torch.stack(self._validation).sum(0)
         self._validation = []
-        metrics = {"val/accuracy": (correct / count).float(), "val/loss": (loss / count).float()}
+        metrics = {"val/accuracy": correct / count, "val/loss": loss / count}
         self.log_dict(metrics, sync_dist=True)
 
     def test_step(self, batch: Batch, batch_idx: int) -> None:
@@ -128,7 +129,7 @@ class Classification(pl.LightningModule):
 
     def predict_step(self, images: Tensor) -> Tensor:
         """Class probabilities ``(b, k)`` of images in [0, 1]."""
-        return self(images).softmax(1)
+        return torch.softmax(self(images), 1)
 
     def configure_optimizers(self) -> Any:
         """The optimiser, with the schedule stepped once an epoch."""
@@ -163,7 +164,10 @@ class Classification(pl.LightningModule):
         if len(conditions) > 1:
             levels = {name: [float(v) for v in c.levels] for name, c in self.suite.corruptions.items()}
             yield "severity_curves", severity_curves(levels, {"this run": accuracy})
-        yield "confusion_matrix", confusion_matrix(self.result.labels, self.result.predictions["clean"], self.spec.classes)
+        yield (
+            "confusion_matrix",
+            confusion_matrix(self.result.labels, self.result.predictions["clean"], self.spec.classes),
+        )
         shown = torch.arange(min(SHEET_IMAGES, len(test_images)))
         images = test_images[shown].float() / 255
         rows = {c.key: self.suite.corrupt(images, shown, c).numpy() for c in conditions}

@@ -36,7 +36,7 @@ class RunLogger(Logger):
         return self._directory.path.name
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
-        """Append metrics at ``step``; not ``epoch``, which follows from it, nor test metrics, which have their own file."""
+        """Append metrics at ``step``; test metrics have a file of their own, and ``epoch`` follows from the step."""
         now = int(1000 * time.time())
         values = {n: float(v) for n, v in metrics.items() if n != "epoch" and not n.startswith("test/")}
         new = self._history.add(step or 0, now, values)

@@ -1,8 +1,8 @@
 """MLflow runs made from run directories, while they run or long after."""
 
-import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -50,7 +50,7 @@ class MirroredRun:
         pending, self._pending = self._pending, []
         for start in range(0, len(pending), BATCH):
             chunk = [Metric(*entry) for entry in pending[start : start + BATCH]]
-            self._try(lambda chunk=chunk: self.store.client.log_batch(self.run_id, metrics=chunk))
+            self._try(partial(self.store.client.log_batch, self.run_id, metrics=chunk))
         self._flushed = time.monotonic()
 
     def artifacts(self, path: Path, folder: str | None = None) -> None:
@@ -100,7 +100,7 @@ def open_mirror(
     experiment_id = store.experiment_id(experiment)
     state, name = directory.state(), directory.path.name
     key = f"{directory.path.parent.name}/{name}"
-    run_id = _known_run(store, directory.tracking_ids())
+    run_id = known_run(store, directory.tracking_ids())
     if run_id is None:
         found = store.client.search_runs([experiment_id], f"tags.`sextant.run` = '{key}'", max_results=1)
         run_id = found[0].info.run_id if found else None
@@ -144,24 +144,30 @@ def refill(store: Store, outputs: Path, *, progress: Callable[[str], None] = lam
         How many runs were made or mended.
     """
     changed = 0
-    alive = {run for folder in outputs.glob("runs/*/.locks/*.lock") if _is_locked(folder) for run in (_lock_key(folder),)}
+    alive = {_lock_key(lock) for lock in outputs.glob("runs/*/.locks/*.lock") if _is_locked(lock)}
     for directory in all_runs(outputs):
         state = directory.state()
         task, name = directory.path.parent.name, directory.path.name
         if any(f"{task}/{name}".startswith(run) for run in alive):
             continue
-        status: Status = "FINISHED" if directory.results() is not None else "FAILED" if state.get("failure") else "KILLED"
-        known = _known_run(store, directory.tracking_ids())
+        status = _status(directory)
+        known = known_run(store, directory.tracking_ids())
         if known is not None and store.client.get_run(known).info.status == status:
             continue
         progress(f"{task}/{name}")
         mirror = open_mirror(store, directory, experiment=str(state.get("experiment", task)))
         if known is None:
             for line in read_history(directory.history):
-                mirror.log({k: v for k, v in line["metrics"].items() if math.isfinite(v)}, line["step"], line["time_ms"])
+                mirror.log(line["metrics"], line["step"], line["time_ms"])
         finish_mirror(mirror, directory, status, checkpoint=False)
         changed += 1
     return changed
+
+
+def _status(directory: RunDirectory) -> Status:
+    if directory.results() is not None:
+        return "FINISHED"
+    return "FAILED" if directory.state().get("failure") not in (None, "interrupted") else "KILLED"
 
 
 def _lock_key(lock: Path) -> str:
@@ -178,7 +184,8 @@ def _is_locked(path: Path) -> bool:
     return False
 
 
-def _known_run(store: Store, run_ids: list[str]) -> str | None:
+def known_run(store: Store, run_ids: list[str]) -> str | None:
+    """The newest of these MLflow runs that the store still has."""
     from mlflow.exceptions import MlflowException
 
     for run_id in reversed(run_ids):

@@ -3,6 +3,8 @@
 import sqlite3
 import urllib.error
 import urllib.request
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -86,6 +88,16 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
                 "Move it away: it is a mirror, and `make dashboard` fills a new one from the run directories.",
             ) from None
     return Store(client, uri, artifacts)
+
+
+def delete_runs(outputs: Path, run_ids: Sequence[str]) -> None:
+    """Delete runs from the embedded store of an output folder; ids that it does not have are passed over."""
+    from mlflow.exceptions import MlflowException
+
+    client = open_store("sqlite", None, outputs).client
+    for run_id in run_ids:
+        with suppress(MlflowException):
+            client.delete_run(run_id)
 
 
 def require_server(uri: str, timeout_s: float = 3.0) -> None:

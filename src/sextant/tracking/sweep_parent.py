@@ -1,30 +1,69 @@
 """The MLflow run that stands for a sweep; its cells are its children."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from sextant.runs.sweep_directory import SweepPlan
-from sextant.tracking.mirror import MirroredRun
-from sextant.tracking.store import Kind, open_store
-
-if TYPE_CHECKING:
-    from sextant.config import Config
+from sextant.runs.directory import RunDirectory
+from sextant.runs.sweep_directory import SweepPlan, read_plan
+from sextant.tracking.mirror import PARENT, MirroredRun, known_run
+from sextant.tracking.store import Kind, Store, open_store
 
 
-def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, config: "Config") -> MirroredRun:
+def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, experiment: str) -> MirroredRun:
     """Open the store in the controller, before any worker does, and the parent run of a sweep in it.
 
     A sweep that was begun before keeps its parent.
     """
     store = open_store(kind, uri, outputs)
-    experiment_id = store.experiment_id(config.tracking.experiment or config.task.name)
+    experiment_id = store.experiment_id(experiment)
     key = plan.directory(outputs).name
     found = store.client.search_runs([experiment_id], f"tags.`sextant.sweep` = '{key}'", max_results=1)
-    if found:
-        mirror = MirroredRun(store, found[0].info.run_id)
-    else:
-        tags = {"mlflow.runName": key, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
-        run = store.client.create_run(experiment_id, tags=tags, run_name=key)
-        mirror = MirroredRun(store, run.info.run_id)
+    known = MirroredRun(store, found[0].info.run_id) if found else None
+    mirror = known or _make_parent(store, experiment_id, plan, outputs)
     mirror.status("RUNNING")
     return mirror
+
+
+def _make_parent(store: Store, experiment_id: str, plan: SweepPlan, outputs: Path) -> MirroredRun:
+    key = plan.directory(outputs).name
+    tags = {"mlflow.runName": key, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
+    return MirroredRun(store, store.client.create_run(experiment_id, tags=tags, run_name=key).info.run_id)
+
+
+def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
+    """Copy a report to the parent run in the embedded store, if the sweep has one there."""
+    if not (outputs / "mlflow.db").exists():
+        return
+    store = open_store("sqlite", None, outputs)
+    found = store.client.search_runs(
+        [e.experiment_id for e in store.client.search_experiments()],
+        f"tags.`sextant.sweep` = '{plan.directory(outputs).name}'",
+        max_results=1,
+    )
+    if found:
+        MirroredRun(store, found[0].info.run_id).artifacts(report)
+
+
+def refill_parents(store: Store, outputs: Path) -> int:
+    """Make the parent runs again that a store lacks, and tie their cells to them.
+
+    Returns:
+        How many were made.
+    """
+    made = 0
+    for file in sorted(outputs.glob("sweeps/*/cells.json")):
+        plan = read_plan(file.parent)
+        if not plan.mlflow_runs or known_run(store, plan.mlflow_runs) is not None:
+            continue
+        runs = [RunDirectory(outputs / cell.run) for cell in plan.cells]
+        state = next((run.state() for run in runs if run.state()), {})
+        parent = _make_parent(store, store.experiment_id(str(state.get("experiment", "sweeps"))), plan, outputs)
+        replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id]).write(outputs)
+        for run in runs:
+            child = known_run(store, run.tracking_ids())
+            if child is not None:
+                MirroredRun(store, child).tags({PARENT: parent.run_id})
+        parent.artifacts(file.parent / "report")
+        parent.status("FINISHED" if all(run.results() is not None for run in runs) else "KILLED")
+        made += 1
+    return made

@@ -1,0 +1,50 @@
+# One command sets up and runs the main job (make run), one sets up and passes the tests (make test).
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+
+.DEFAULT_GOAL := help
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+run: $(READY) ## train and test the main job: LeNet on real digit scans, no download
+	$(BIN)/python train.py task=classification
+
+test: $(READY) ## the whole test suite, on every core
+	$(BIN)/python -m pytest -n auto
+
+lint: $(READY) ## style, types of the functional core, layers
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+sweep-demo: $(READY) ## a small sweep with its report: push-pull against convolution, 8 seeds, about 5 minutes
+	$(BIN)/python train.py -m sweep=demo
+	$(BIN)/python report.py sweep=demo
+
+report: $(READY) ## the report of a sweep: make report SWEEP=demo
+	$(BIN)/python report.py sweep=$(or $(SWEEP),demo)
+
+dashboard: $(READY) ## bring the MLflow store up to date and open it on this machine
+	$(BIN)/sextant dashboard
+
+bench: $(READY) ## timings against what a user would pick instead, as ratios
+	$(BIN)/python -m benchmarks
+
+lock: $(READY) ## pin every dependency anew in requirements.lock
+	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --no-emit-index-url --no-header -q -o requirements.lock
+
+clean: ## remove caches and the environment; outputs/ stays
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find src tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+
+$(READY): requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(BIN)/uv pip install --quiet --python $(BIN)/python -r requirements.lock
+	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
+	touch $@
+
+.PHONY: help run test lint sweep-demo report dashboard bench lock clean

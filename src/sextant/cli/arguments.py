@@ -1,0 +1,36 @@
+"""``key=value`` arguments of the commands that are not composed from a config."""
+
+from collections.abc import Mapping, Sequence
+
+from sextant.config import nearest
+from sextant.errors import UserError
+
+
+def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: str) -> dict[str, str]:
+    """Read ``key=value`` arguments.
+
+    Args:
+        arguments: of the command line.
+        known: legal keys and what they mean.
+        usage: an example, printed by ``--help``.
+
+    Raises:
+        UserError: an argument is not of that form, or its key is unknown; names the nearest.
+        SystemExit: after ``--help``.
+    """
+    if any(argument in ("-h", "--help") for argument in arguments):
+        print(f"{usage}\n")
+        print("\n".join(f"  {key:<10} {meaning}" for key, meaning in known.items()))
+        raise SystemExit(0)
+    found: dict[str, str] = {}
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if not equals:
+            raise UserError(f"{argument!r} is not a key=value argument", usage)
+        if key not in known:
+            near = nearest(key, known)
+            raise UserError(
+                f"{argument}: unknown key", f"Did you mean {near}={value}?" if near else f"Keys: {', '.join(known)}"
+            )
+        found[key] = value
+    return found

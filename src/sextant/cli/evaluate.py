@@ -1,0 +1,148 @@
+"""``evaluate.py``: test a trained model, under other data or corruptions."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import OverrideParseException
+
+from sextant.cli.assemble import build_source
+from sextant.cli.compose import compose, default_outputs, groups, to_plain
+from sextant.cli.console import console
+from sextant.cli.execute import OpenMirror, run_once
+from sextant.cli.resolve import FoundRun, resolve_run
+from sextant.cli.show import show_result
+from sextant.config import Config, digest, nearest, validate
+from sextant.errors import UserError
+from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.source_tree import source_tree_sha256
+from sextant.tracking.environment import quiet_libraries
+
+if TYPE_CHECKING:
+    from sextant.data.source import ImageSource, ImageSpec
+
+USAGE = (
+    "python evaluate.py run=<MLflow run id, run directory or checkpoint> [dataset=..] [corruption=..] [key=value ..]"
+)
+#: What may differ from training; the rest belongs to the weights.
+FREE = ("dataset", "corruption", "trainer", "tracking", "paths", "reuse")
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Rebuild the model from its checkpoint alone and test it."""
+    quiet_libraries()
+    if any(argument in ("-h", "--help") for argument in arguments):
+        print(f"{USAGE}\n\n  what may change: {', '.join(FREE)}; keys as in train.py --cfg job")
+        return
+    reference, overrides = split_run(arguments, USAGE)
+    found = resolve_run(reference, _outputs(overrides))
+    from sextant.runs.checkpoint import KEY, load_checkpoint
+
+    content = load_checkpoint(found.checkpoint)
+    trained = content[KEY]
+    if trained["task"] != "classification":
+        raise UserError(f"run={reference} is a {trained['task']} model; it cannot be evaluated as a classifier")
+    raw = merge(trained["config"], overrides)
+    config = validate(raw)
+    source = build_source(raw, config)
+    from sextant.cli.training import spec_of, test_checkpoint
+
+    require_fit(spec_of(content), source)
+    key = _key(raw, config, source, found)
+
+    def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
+        open_mirror()
+        return test_checkpoint(raw, config, source, found.checkpoint, directory, key)
+
+    outcome = run_once(key, raw, config, work)
+    show_result(RunDirectory(outcome.directory), reused=outcome.reused)
+
+
+def split_run(arguments: Sequence[str], usage: str) -> tuple[str, list[str]]:
+    """Take ``run=`` out of the arguments.
+
+    Raises:
+        UserError: it is not there.
+    """
+    runs = [argument.removeprefix("run=") for argument in arguments if argument.startswith("run=")]
+    if not runs:
+        raise UserError("which run?", usage)
+    return runs[-1], [argument for argument in arguments if not argument.startswith("run=")]
+
+
+def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The config of a checkpoint with other groups and values; where things lie is taken from here, not from there.
+
+    Raises:
+        UserError: an override is not understood, or would change what the weights were trained with.
+    """
+    try:
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    except OverrideParseException:
+        compose(overrides)  # names the one that cannot be parsed
+        raise
+    for override, text in zip(parsed, overrides, strict=True):
+        group = override.key_or_group.split(".")[0]
+        if group not in FREE:
+            known = nearest(group, FREE) if group not in trained and group not in groups() else None
+            raise UserError(
+                f"{text}: " + ("unknown key" if known else "this belongs to the trained weights and cannot change"),
+                f"Did you mean {known}?" if known else f"What may change: {', '.join(FREE)}",
+            )
+    chosen = {o.key_or_group for o in parsed if o.key_or_group in groups()}
+    composed = to_plain(
+        compose([t for o, t in zip(parsed, overrides, strict=True) if o.key_or_group.split(".")[0] in chosen])
+    )
+    merged = dict(trained) | {group: composed[group] for group in chosen} | {"paths": composed["paths"]}
+    merged |= {"tracking": composed["tracking"], "reuse": "exact", "init_from": None}
+    for override, text in zip(parsed, overrides, strict=True):
+        if override.key_or_group not in chosen and override.key_or_group.split(".")[0] not in chosen:
+            _set(merged, override.key_or_group, override.value(), text)
+    return merged
+
+
+def _set(config: dict[str, Any], key: str, value: Any, text: str) -> None:
+    node: Any = config
+    *parents, last = key.split(".")
+    for part in parents:
+        if not isinstance(node, dict) or part not in node:
+            raise UserError(f"{text}: unknown key", f"Keys there: {', '.join(node) if isinstance(node, dict) else ''}")
+        node[part] = dict(node[part]) if isinstance(node[part], dict) else node[part]
+        node = node[part]
+    if not isinstance(node, dict) or last not in node:
+        near = nearest(last, node)
+        prefix = ".".join([*parents, ""])
+        raise UserError(f"{text}: unknown key", f"Did you mean {prefix}{near}={value}?" if near else "")
+    node[last] = value
+
+
+def require_fit(spec: "ImageSpec", source: "ImageSource") -> None:
+    """Whether a model trained on ``spec`` can be tested on ``source``.
+
+    Raises:
+        UserError: the images have another shape or the number of classes differs.
+    """
+    found = source.spec()
+    if (found.channels, found.height, found.width) != (spec.channels, spec.height, spec.width):
+        raise UserError(
+            f"dataset={source.name} has images of {found.channels}x{found.height}x{found.width}, "
+            f"the model was trained on {spec.channels}x{spec.height}x{spec.width}",
+            "Choose a dataset of that shape; image_folder and digits take dataset.size",
+        )
+    if len(found.classes) != len(spec.classes):
+        raise UserError(
+            f"dataset={source.name} has {len(found.classes)} classes, the model was trained on {len(spec.classes)}"
+        )
+    if found.classes != spec.classes:
+        console.print(f"[yellow]the classes of dataset={source.name} have other names than those of training[/]")
+
+
+def _key(raw: Mapping[str, Any], config: Config, source: "ImageSource", found: FoundRun) -> RunKey:
+    identity = digest({**raw, "checkpoint": found.identity})
+    return RunKey("evaluation", identity, config.seed, source_tree_sha256(), source.fingerprint())
+
+
+def _outputs(overrides: Sequence[str]) -> Path:
+    given = [o.removeprefix("paths.outputs=") for o in overrides if o.startswith("paths.outputs=")]
+    return Path(given[-1]).expanduser().absolute() if given else default_outputs()

@@ -1,0 +1,82 @@
+"""``report.py``: tables, contrasts and figures of a sweep."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from sextant.cli.arguments import parse_arguments
+from sextant.cli.compose import default_outputs
+from sextant.cli.console import console
+from sextant.errors import UserError
+from sextant.runs.sweep_directory import find_sweep
+from sextant.tracking.environment import quiet_libraries
+
+if TYPE_CHECKING:
+    from sextant.reports.results import SweepResults
+
+USAGE = "python report.py sweep=<name, directory or MLflow parent run>"
+KEYS = {
+    "sweep": "the sweep",
+    "outputs": "output folder, if not the default",
+    "tracking": "sqlite (default) also logs the report on the sweep's parent run, none does not",
+}
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write the report of a sweep into its directory and log it on its parent run."""
+    quiet_libraries()
+    given = parse_arguments(arguments, KEYS, USAGE)
+    if "sweep" not in given:
+        raise UserError("which sweep?", USAGE)
+    outputs = Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
+    directory = find_sweep(given["sweep"], outputs)
+
+    from sextant.reports.results import load_results
+    from sextant.reports.sweep_report import write_report
+
+    results = load_results(directory, outputs)
+    paths = write_report(results)
+    _show(results)
+    console.print("\n".join(str(path) for path in paths))
+    if given.get("tracking", "sqlite") != "none" and results.plan.mlflow_runs:
+        from sextant.tracking.sweep_parent import log_report
+
+        log_report(outputs, results.plan, directory / "report")
+
+
+def _show(results: "SweepResults") -> None:
+    """The contrasts in a table that fits a terminal; everything else is in the report."""
+    from sextant.reports.contrasts import contrasts
+    from sextant.reports.tables import interval, number
+
+    counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
+    console.print(f"[bold]{results.plan.name}[/]: {len(results.cells)} runs planned, {counts}")
+    rows = contrasts(results)
+    for name in dict.fromkeys(row.contrast for row in rows):
+        columns = (
+            "setting",
+            "condition",
+            "difference, 95 % over seeds",
+            "noise floor",
+            "published",
+            "pairs",
+            "p (Holm)",
+        )
+        table = Table(*columns, title=name, title_justify="left", title_style="bold")
+        for row in (row for row in rows if row.contrast == name):
+            paired, floor = row.paired, row.floor
+            shown = "–"
+            if paired is not None:
+                shown = f"{number(paired.mean, sign=True)} {interval(paired.low, paired.high, sign=True)}"
+            table.add_row(
+                row.setting,
+                row.condition,
+                shown,
+                "–" if floor is None else interval(floor.low, floor.high, sign=True),
+                number(row.published, sign=True),
+                "0" if paired is None else str(paired.seeds),
+                number(row.p_holm, 3),
+            )
+        console.print(table)

@@ -1,0 +1,63 @@
+"""``sextant runs``: list runs, or delete them from disk and store together."""
+
+import shutil
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from sextant.cli.compose import default_outputs
+from sextant.cli.console import console
+from sextant.errors import UserError
+from sextant.runs.directory import RunDirectory, all_runs
+from sextant.runs.locks import run_lock
+from sextant.tracking.environment import quiet_libraries
+
+USAGE = "sextant runs [list | delete <task>/<run> ...]"
+
+
+def main(arguments: Sequence[str]) -> None:
+    """List all runs, or delete some."""
+    verb, names = (arguments[0], list(arguments[1:])) if arguments else ("list", [])
+    if verb in ("-h", "--help"):
+        print(USAGE)
+    elif verb == "list":
+        _list()
+    elif verb == "delete" and names:
+        _delete(names)
+    else:
+        raise UserError(f"runs {' '.join(arguments)}: not understood", USAGE)
+
+
+def _list() -> None:
+    table = Table("run", "outcome", "MLflow run", "settings")
+    for directory in all_runs(default_outputs()):
+        state, results = directory.state(), directory.results()
+        outcome = str(results["outcome"]) if results else str(state.get("failure") or "unfinished")
+        params = state.get("params", {})
+        settings = ", ".join(str(params.get(f"{g}._target_", "")).rsplit(".", 1)[-1] for g in ("dataset", "backbone"))
+        ids = directory.tracking_ids()
+        table.add_row(_name(directory), outcome.splitlines()[0], ids[-1] if ids else "", settings)
+    console.print(table)
+
+
+def _delete(names: list[str]) -> None:
+    outputs = default_outputs()
+    known = {_name(directory): directory for directory in all_runs(outputs)}
+    for name in names:
+        if name not in known:
+            raise UserError(f"runs delete {name}: no such run", "sextant runs lists them")
+    for name in names:
+        directory = known[name]
+        base = f"{directory.state().get('digest', '')[:8]}-s{directory.state().get('seed')}"
+        with run_lock(directory.path.parent, base, wait=False):
+            if (outputs / "mlflow.db").exists() and directory.tracking_ids():
+                from sextant.tracking.store import delete_runs
+
+                quiet_libraries()
+                delete_runs(outputs, directory.tracking_ids())
+            shutil.rmtree(directory.path)
+        console.print(f"deleted {name}")
+
+
+def _name(directory: RunDirectory) -> str:
+    return f"{directory.path.parent.name}/{directory.path.name}"

@@ -1,0 +1,23 @@
+"""Images in a grid, each with a line of text."""
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+from numpy import ndarray
+
+from sextant.figures.style import new_figure
+
+COLUMNS = 8
+
+
+def gallery(images: Sequence[ndarray], titles: Sequence[str]) -> Figure:
+    """Images ``(h, w)`` or ``(h, w, 3)`` of bytes, eight a row, with their titles above."""
+    columns = min(COLUMNS, len(images))
+    rows = -(-len(images) // columns)
+    figure, axes = new_figure(1.3 * columns, 1.5 * rows, rows=rows, columns=columns)
+    for cell in axes:
+        cell.axis("off")
+    for cell, image, title in zip(axes, images, titles, strict=False):
+        cell.imshow(image, cmap="gray", vmin=0, vmax=255)
+        cell.set_title(title, fontsize=7, pad=2)
+    return figure

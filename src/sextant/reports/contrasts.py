@@ -1,0 +1,114 @@
+"""Paired contrasts between the arms of a sweep."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sextant.evaluation import PairedDifference, holm, paired_difference
+from sextant.reports.results import CellResult, SweepResults
+
+Sides = Mapping[str, str]
+Pair = tuple[CellResult, CellResult]
+
+
+@dataclass(frozen=True)
+class ContrastRow:
+    """One contrast in one setting under one condition; differences in points of accuracy, treatment minus control.
+
+    Attributes:
+        paired: over the pairs in which both runs converged; None without such a pair.
+        dropped: pairs left out because a run diverged; failed and missing runs are counted in the report's head.
+        everything: mean difference over all pairs that finished, diverged runs included.
+        p_holm: Wilcoxon's p, corrected for all settings and conditions of this contrast.
+        floor: the same difference between the noise-floor arms: what the choice of seeds alone does.
+        published: the published single-run difference, nan if there is none.
+    """
+
+    contrast: str
+    setting: str
+    condition: str
+    paired: PairedDifference | None
+    dropped: int
+    everything: float
+    p_holm: float
+    floor: PairedDifference | None
+    published: float
+
+    @property
+    def published_in_spreads(self) -> float:
+        """The published difference in standard deviations of what two runs of the *same* network differ by."""
+        if self.floor is None or not self.floor.spread > 0:
+            return float("nan")
+        return abs(self.published) / self.floor.spread
+
+
+def contrasts(results: SweepResults) -> list[ContrastRow]:
+    """Every contrast of the sweep, Holm-corrected within each."""
+    definition = results.plan.definition
+    named = definition.get("contrasts") or _against_first(results.arms)
+    floor_sides = named.get(str(definition.get("noise_floor")))
+    rows: list[ContrastRow] = []
+    for name, sides in named.items():
+        found = [
+            _row(results, name, sides, floor_sides, setting, condition)
+            for setting in results.settings
+            for condition in results.conditions
+        ]
+        adjusted = holm([float("nan") if row.paired is None else row.paired.p_value for row in found])
+        rows += [replace(row, p_holm=p) for row, p in zip(found, adjusted, strict=True)]
+    return rows
+
+
+def _row(
+    results: SweepResults, name: str, sides: Sides, floor_sides: Sides | None, setting: str, condition: str
+) -> ContrastRow:
+    definition = results.plan.definition
+    method = definition.get("interval", "t")
+    pairs = _pairs(results, setting, sides)
+    return ContrastRow(
+        contrast=name,
+        setting=setting,
+        condition=condition,
+        paired=_difference(pairs, condition, method),
+        dropped=sum(not _converged(pair) for pair in pairs),
+        everything=_mean_of_all(pairs, condition),
+        p_holm=float("nan"),
+        floor=None if floor_sides is None else _difference(_pairs(results, setting, floor_sides), condition, method),
+        published=_published(definition, setting, sides, condition),
+    )
+
+
+def _against_first(arms: list[str]) -> dict[str, dict[str, str]]:
+    return {f"{arm} - {arms[0]}": {"treatment": arm, "control": arms[0]} for arm in arms[1:]}
+
+
+def _pairs(results: SweepResults, setting: str, sides: Sides) -> list[Pair]:
+    controls = {result.cell.pair: result for result in results.of(setting, sides["control"])}
+    both = ((t, controls.get(t.cell.pair)) for t in results.of(setting, sides["treatment"]))
+    return [(t, c) for t, c in both if c is not None and t.correct and c.correct]
+
+
+def _converged(pair: Pair) -> bool:
+    return all(result.outcome == "finished" for result in pair)
+
+
+def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDifference | None:
+    kept = [pair for pair in pairs if _converged(pair)]
+    if not kept:
+        return None
+    treatment, control = (
+        np.stack([100.0 * side.correct[condition] for side in arm]) for arm in zip(*kept, strict=True)
+    )
+    return paired_difference(treatment, control, method="bootstrap" if method == "bootstrap" else "t")
+
+
+def _mean_of_all(pairs: list[Pair], condition: str) -> float:
+    differences = [100 * (t.correct[condition].mean() - c.correct[condition].mean()) for t, c in pairs]
+    return float(np.mean(differences)) if differences else float("nan")
+
+
+def _published(definition: dict, setting: str, sides: Sides, condition: str) -> float:  # type: ignore[type-arg]
+    arms = definition.get("published", {}).get(setting, {})
+    treatment, control = (arms.get(sides[side], {}).get(condition) for side in ("treatment", "control"))
+    return float("nan") if treatment is None or control is None else float(treatment - control)

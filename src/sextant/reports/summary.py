@@ -1,0 +1,64 @@
+"""One row per cell of a sweep: the distribution of its accuracy over seeds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sextant.evaluation import mean_interval
+from sextant.reports.results import SweepResults
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Accuracy, in per cent, of one setting and arm under one condition, over converged seeds.
+
+    ``all_mean`` counts the diverged runs too.
+    """
+
+    setting: str
+    arm: str
+    condition: str
+    seeds: int
+    diverged: int
+    failed: int
+    mean: float
+    median: float
+    spread: float
+    low: float
+    high: float
+    all_mean: float
+    published: float
+
+
+def summarise(results: SweepResults) -> list[Summary]:
+    """All cells under all conditions; nan where there is nothing to summarise."""
+    published = results.plan.definition.get("published", {})
+    rows = []
+    for setting in results.settings:
+        for arm in results.arms:
+            cells = results.of(setting, arm)
+            converged = [cell for cell in cells if cell.outcome == "finished"]
+            diverged = [cell for cell in cells if cell.outcome == "diverged"]
+            reference = published.get(setting, {}).get(arm, {})
+            for condition in results.conditions:
+                values = np.array([100 * cell.correct[condition].mean() for cell in converged])
+                everything = [100 * c.correct[condition].mean() for c in cells if c.correct]
+                low, high = mean_interval(values)
+                rows.append(
+                    Summary(
+                        setting=setting,
+                        arm=arm,
+                        condition=condition,
+                        seeds=len(converged),
+                        diverged=len(diverged),
+                        failed=len(cells) - len(converged) - len(diverged),
+                        mean=float(values.mean()) if len(values) else float("nan"),
+                        median=float(np.median(values)) if len(values) else float("nan"),
+                        spread=float(values.std(ddof=1)) if len(values) > 1 else float("nan"),
+                        low=low,
+                        high=high,
+                        all_mean=float(np.mean(everything)) if everything else float("nan"),
+                        published=float(reference.get(condition, float("nan"))),
+                    )
+                )
+    return rows

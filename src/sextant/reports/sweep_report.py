@@ -1,0 +1,257 @@
+"""The report of a sweep: tables, contrasts, figures, and what they can support."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from sextant.evaluation import SEEDS_FOR_A_CLAIM
+from sextant.figures.contrast_forest import ForestRow, contrast_forest
+from sextant.figures.severity_curves import severity_curves
+from sextant.figures.style import save_figure
+from sextant.reports.contrasts import ContrastRow, contrasts
+from sextant.reports.results import SweepResults
+from sextant.reports.summary import Summary, summarise
+from sextant.reports.tables import TextTable, interval, number
+
+
+def write_report(results: SweepResults) -> list[Path]:
+    """Write ``report/`` into the sweep's directory.
+
+    Returns:
+        The files: ``report.md``, ``cells.csv``, ``contrasts.csv``, ``cells.tex``, ``contrasts.tex``, figures.
+    """
+    folder = results.directory / "report"
+    folder.mkdir(parents=True, exist_ok=True)
+    summaries, rows = summarise(results), contrasts(results)
+    cells, compared = cells_table(summaries, results), {name: contrast_table(rows, name) for name in _names(rows)}
+    texts = {
+        "report.md": _markdown(results, summaries, cells, compared, rows),
+        "cells.csv": _csv([asdict(summary) for summary in summaries]),
+        "contrasts.csv": _csv([_flat_row(row) for row in rows]),
+        "cells.tex": cells.latex(),
+        "contrasts.tex": "\n".join(table.latex() for table in compared.values()),
+    }
+    paths = []
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+        paths.append(folder / name)
+    for name, figure in figures(results, summaries, rows):
+        paths += save_figure(figure, folder, name, formats=("png", "svg"))
+    return paths
+
+
+def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
+    """One row a cell, one column a condition: mean ± standard deviation over seeds and the interval of the mean."""
+    columns = ["setting", "arm", "seeds", "diverged", "failed", *results.conditions]
+    rows = []
+    for setting in results.settings:
+        for arm in results.arms:
+            of_cell = [s for s in summaries if s.setting == setting and s.arm == arm]
+            first = of_cell[0]
+            values = [f"{number(s.mean)} ± {number(s.spread)} {interval(s.low, s.high)}" for s in of_cell]
+            rows.append([setting, arm, str(first.seeds), str(first.diverged), str(first.failed), *values])
+    return TextTable(columns, rows)
+
+
+def contrast_table(rows: list[ContrastRow], name: str) -> TextTable:
+    """One row a setting and condition of one contrast."""
+    columns = [
+        "setting",
+        "condition",
+        "published",
+        "difference",
+        "95 % over seeds",
+        "95 % over seeds and images",
+        "noise floor",
+        "one-run spread",
+        "pairs",
+        "dropped",
+        "wins",
+        "p (Holm)",
+        "with diverged",
+    ]
+    body = []
+    for row in (row for row in rows if row.contrast == name):
+        paired, floor = row.paired, row.floor
+        body.append(
+            [
+                row.setting,
+                row.condition,
+                number(row.published, sign=True),
+                "–" if paired is None else number(paired.mean, sign=True),
+                "–" if paired is None else interval(paired.low, paired.high, sign=True),
+                "–" if paired is None else interval(paired.image_low, paired.image_high, sign=True),
+                "–"
+                if floor is None
+                else f"{number(floor.mean, sign=True)} {interval(floor.low, floor.high, sign=True)}",
+                "–" if floor is None else number(floor.spread),
+                "0" if paired is None else str(paired.seeds),
+                str(row.dropped),
+                "–" if paired is None else f"{paired.wins}/{paired.seeds}",
+                number(row.p_holm, 3),
+                number(row.everything, sign=True),
+            ]
+        )
+    return TextTable(columns, body)
+
+
+def figures(results: SweepResults, summaries: list[Summary], rows: list[ContrastRow]) -> "list[tuple[str, Figure]]":
+    """Accuracy against severity for each setting, and a forest plot of each contrast."""
+    made = []
+    levels = _levels(results.conditions)
+    if levels:
+        for setting in results.settings:
+            of_setting = [s for s in summaries if s.setting == setting]
+            accuracy: dict[str, dict[str, float]] = {arm: {} for arm in results.arms}
+            bands: dict[str, dict[str, tuple[float, float]]] = {arm: {} for arm in results.arms}
+            for s in of_setting:
+                accuracy[s.arm][s.condition] = s.mean / 100
+                bands[s.arm][s.condition] = (s.low / 100, s.high / 100)
+            name = "severity_" + setting.replace(", ", "_").replace("/", "_")
+            made.append((name, severity_curves(levels, accuracy, bands)))
+    for contrast in _names(rows):
+        panels = [
+            (setting, [_forest_row(row) for row in rows if row.contrast == contrast and row.setting == setting])
+            for setting in results.settings
+        ]
+        made.append(
+            (f"contrast_{contrast.replace(' ', '')}", contrast_forest(panels, "difference in accuracy (points)"))
+        )
+    return made
+
+
+def _markdown(
+    results: SweepResults,
+    summaries: list[Summary],
+    cells: TextTable,
+    compared: Mapping[str, TextTable],
+    rows: list[ContrastRow],
+) -> str:
+    plan = results.plan
+    counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
+    seeds = len({result.cell.pair for result in results.cells})
+    exploratory = "" if seeds >= SEEDS_FOR_A_CLAIM else f" **Exploratory**: a claim needs {SEEDS_FOR_A_CLAIM} seeds."
+    parts = [
+        f"# {plan.name}\n",
+        f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
+        f"`python train.py -m {' '.join(plan.command)}`, then `python report.py sweep={results.directory.name}`\n",
+        f"{len(results.cells)} runs planned: {counts}. {seeds} seeds a cell.{exploratory}\n",
+        "A run has *diverged* if its validation accuracy after training is nearer to chance than to 1; the rule looks "
+        "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "
+        "number of others beside them; the last column of each contrast counts diverged runs too.\n",
+        "## Accuracy on the test split, per cent\n",
+        "Mean ± standard deviation over seeds, and the 95 % interval of the mean.\n",
+        cells.markdown(),
+        _beside_published(summaries, results),
+    ]
+    for name, table in compared.items():
+        sides = plan.definition.get("contrasts", {}).get(name)
+        title = f"{name}: {sides['treatment']} minus {sides['control']}" if sides else name
+        parts += [f"## {title}\n", "Points of accuracy, paired by seed, on the same test images.\n", table.markdown()]
+    if any(row.published == row.published for row in rows):
+        parts += ["## What the published single runs can support\n", _published_verdict(rows)]
+    return "\n".join(part for part in parts if part)
+
+
+def _beside_published(summaries: list[Summary], results: SweepResults) -> str:
+    """Median accuracy over converged seeds beside the published single run, for the first (clean) condition."""
+    known = [s for s in summaries if s.condition == results.conditions[0] and s.published == s.published]
+    if not known:
+        return ""
+    table = TextTable(
+        ["setting", "arm", "median over converged seeds", "published", "difference"],
+        [
+            [s.setting, s.arm, number(s.median), number(s.published), number(s.median - s.published, sign=True)]
+            for s in known
+        ],
+    )
+    return f"## {results.conditions[0].capitalize()} accuracy beside the published\n\n" + table.markdown()
+
+
+def _published_verdict(rows: list[ContrastRow]) -> str:
+    """How many published differences exceed what two runs of one network differ by, and how many have our sign."""
+    known = [row for row in rows if row.published_in_spreads == row.published_in_spreads]
+    if not known:
+        return "The sweep has no noise floor to compare the published figures with.\n"
+    table = TextTable(
+        ["setting", "condition", "published", "spread of one pair, seeds alone", "ratio", "our interval", "reading"],
+        [
+            [
+                row.setting,
+                row.condition,
+                number(row.published, sign=True),
+                number(row.floor.spread if row.floor else float("nan")),
+                number(row.published_in_spreads, 1),
+                "–" if row.paired is None else interval(row.paired.low, row.paired.high, sign=True),
+                _reading(row),
+            ]
+            for row in known
+        ],
+    )
+    above = sum(row.published_in_spreads > 1.96 for row in known)
+    confirmed = sum(_reading(row) == "same sign" for row in known)
+    opposite = sum(_reading(row) == "opposite sign" for row in known)
+    return (
+        f"Of {len(known)} published differences, each of one run against one run, {above} exceed 1.96 times the spread "
+        f"that two runs of the *same* convolution show here when only their seeds differ; a single pair cannot tell "
+        f"the other {len(known) - above} from chance. Over our seeds, {confirmed} have the published sign with an "
+        f"interval that excludes zero, {opposite} the opposite sign with such an interval, and the rest are undecided."
+        "\n\n"
+        + table.markdown()
+    )
+
+
+def _reading(row: ContrastRow) -> str:
+    if row.paired is None or row.paired.low != row.paired.low or row.paired.low <= 0 <= row.paired.high:
+        return "undecided"
+    return "same sign" if row.paired.mean * row.published > 0 else "opposite sign"
+
+
+def _forest_row(row: ContrastRow) -> ForestRow:
+    nan = float("nan")
+    paired, floor = row.paired, row.floor
+    reach = 1.96 * floor.spread if floor is not None else nan
+    return ForestRow(
+        row.condition.replace("_", " "),
+        paired.mean if paired else nan,
+        paired.low if paired else nan,
+        paired.high if paired else nan,
+        -reach,
+        reach,
+        row.published,
+    )
+
+
+def _levels(conditions: list[str]) -> dict[str, list[float]]:
+    levels: dict[str, list[float]] = {}
+    for key in conditions:
+        if "/" in key:
+            corruption, level = key.rsplit("/", 1)
+            levels.setdefault(corruption, []).append(float(level))
+    return levels
+
+
+def _names(rows: list[ContrastRow]) -> list[str]:
+    return list(dict.fromkeys(row.contrast for row in rows))
+
+
+def _flat_row(row: ContrastRow) -> dict[str, object]:
+    flat: dict[str, object] = {"contrast": row.contrast, "setting": row.setting, "condition": row.condition}
+    for prefix, difference in (("", row.paired), ("floor_", row.floor)):
+        fields = asdict(difference) if difference is not None else {}
+        names = ("seeds", "mean", "spread", "low", "high", "image_low", "image_high", "p_value", "wins")
+        flat |= {prefix + name: fields.get(name, "") for name in names}
+    return flat | {
+        "dropped": row.dropped,
+        "mean_with_diverged": row.everything,
+        "p_holm": row.p_holm,
+        "published": row.published,
+    }
+
+
+def _csv(rows: list[dict[str, object]]) -> str:
+    if not rows:
+        return ""
+    return TextTable(list(rows[0]), [[str(value) for value in row.values()] for row in rows]).csv()

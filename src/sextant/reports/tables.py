@@ -1,0 +1,54 @@
+"""Tables as Markdown, CSV and LaTeX."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Rows of text under a heading."""
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def markdown(self) -> str:
+        """A pipe table."""
+        lines = [self.columns, ["---"] * len(self.columns), *self.rows]
+        return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+    def csv(self) -> str:
+        """Comma-separated values."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(self.rows)
+        return text.getvalue()
+
+    def latex(self) -> str:
+        """A booktabs tabular, to be set in a table environment."""
+        body = [" & ".join(map(_latex, row)) + r" \\" for row in self.rows]
+        head = " & ".join(map(_latex, self.columns)) + r" \\"
+        start = rf"\begin{{tabular}}{{{'l' * len(self.columns)}}}"
+        return "\n".join([start, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def number(value: float, digits: int = 2, sign: bool = False) -> str:
+    """A number with a fixed number of decimals; a dash for nan."""
+    if value != value:
+        return "–"
+    return f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+
+
+def interval(low: float, high: float, digits: int = 2, sign: bool = False) -> str:
+    """``[low, high]``; a dash for nan."""
+    if low != low or high != high:
+        return "–"
+    return f"[{number(low, digits, sign)}, {number(high, digits, sign)}]"
+
+
+def _latex(text: str) -> str:
+    for plain, escaped in (("\\", r"\textbackslash{}"), ("_", r"\_"), ("%", r"\%"), ("&", r"\&"), ("#", r"\#")):
+        text = text.replace(plain, escaped)
+    return text.replace("–", "--").replace("±", r"$\pm$")
