@@ -56,10 +56,13 @@ class ImageData(pl.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Shuffled batches, the order a function of (seed, epoch)."""
-        trainer = self.trainer
-        rank, ranks = (trainer.global_rank, trainer.world_size) if trainer is not None else (0, 1)
-        images = self._splits["train"]
-        return self._loader(images, EpochBatches(len(images), self.batch_size, self.seed, rank, ranks))
+        images, trainer = self._splits["train"], self.trainer
+        if trainer is None:
+            return self._loader(images, EpochBatches(len(images), self.batch_size, self.seed))
+        batches = EpochBatches(len(images), self.batch_size, self.seed, trainer.global_rank, trainer.world_size)
+        # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
+        batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)
+        return self._loader(images, batches)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Validation batches in order."""

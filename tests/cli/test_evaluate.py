@@ -1,0 +1,114 @@
+"""A trained model is tested and used from its checkpoint alone."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from support import quick_config
+
+from sextant.cli import evaluate, predict
+from sextant.cli.execute import execute
+from sextant.data.digits import Digits
+from sextant.errors import UserError
+from sextant.runs.checkpoint import KEY, load_checkpoint
+from sextant.runs.directory import RunDirectory, all_runs
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    outputs = tmp_path_factory.mktemp("outputs")
+    return outputs, RunDirectory(execute(quick_config(outputs, "tracking=none", "trainer.max_epochs=8")).directory)
+
+
+def evaluated(outputs, *arguments):
+    evaluate.main([*arguments, f"paths.outputs={outputs}", "tracking=none"])
+    newest = max(outputs.glob("runs/evaluation/*/metrics.json"), key=lambda path: path.stat().st_mtime_ns)
+    return json.loads(newest.read_text())["metrics"]
+
+
+def test_evaluation_repeats_the_test_of_training(trained):
+    outputs, run = trained
+    expected = {k: v for k, v in run.results()["metrics"].items() if k.startswith("test/")}
+    assert evaluated(outputs, f"run={run.path}") == expected
+
+
+def test_under_other_corruptions(trained):
+    outputs, run = trained
+    metrics = evaluated(
+        outputs, f"run={run.path.name}", "corruption=gaussian", "corruption.corruptions.gaussian.levels=[0.2,0.4]"
+    )
+    assert list(metrics) == ["test/accuracy/clean", "test/accuracy/gaussian/0.2", "test/accuracy/gaussian/0.4"]
+
+
+def test_from_a_lone_checkpoint(trained, tmp_path):
+    outputs, run = trained
+    shutil.copy(run.last_checkpoint, tmp_path / "model.ckpt")
+    metrics = evaluated(outputs, f"run={tmp_path / 'model.ckpt'}", "corruption=none")
+    assert metrics == {"test/accuracy/clean": run.results()["metrics"]["test/accuracy/clean"]}
+
+
+def told(*arguments):
+    with pytest.raises(UserError) as caught:
+        evaluate.main(list(arguments))
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (["dataset=digits", "dataset.size=32"], "the model was trained on 1x28x28"),
+        (["backbone=lenet_b"], "belongs to the trained weights"),
+        (["corruptoin=none"], "Did you mean corruption?"),
+        (["corruption=nope"], "Options: contrast_poisson"),
+        (["trainer.threds=2"], "Did you mean trainer.threads"),
+        (["trainer.threads=0"], "trainer.threads=0"),
+    ],
+)
+def test_mistakes(trained, overrides, said):
+    outputs, run = trained
+    assert said in told(f"run={run.path}", *overrides, f"paths.outputs={outputs}", "tracking=none")
+
+
+def test_unknown_and_missing_run(trained):
+    outputs, run = trained
+    assert f"classification/{run.path.name}" in told("run=nope", f"paths.outputs={outputs}")
+    assert "which run?" in told()
+
+
+def test_a_checkpoint_of_another_task(trained, tmp_path):
+    outputs, run = trained
+    content = load_checkpoint(run.last_checkpoint)
+    content[KEY]["task"] = "calibration"
+    torch.save(content, tmp_path / "other.ckpt")
+    assert "is a calibration model" in told(f"run={tmp_path / 'other.ckpt'}", f"paths.outputs={outputs}")
+
+
+def test_an_evaluation_is_a_run_of_its_own(trained):
+    outputs, run = trained
+    evaluated(outputs, f"run={run.path}")
+    assert {directory.path.parent.name for directory in all_runs(outputs)} == {"classification", "evaluation"}
+
+
+def test_predict_classifies_a_folder_and_names_what_it_cannot_read(trained, tmp_path):
+    outputs, run = trained
+    data = Digits().read("test")
+    (tmp_path / "in").mkdir()
+    for number in range(12):
+        Image.fromarray(data.images[number, 0]).save(tmp_path / "in" / f"{number:02}.png")
+    (tmp_path / "in" / "broken.png").write_bytes(b"no image")
+    predict.main([f"run={run.path}", f"input={tmp_path / 'in'}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])
+    rows = json.loads((tmp_path / "out" / "predictions.json").read_text())
+    with np.load(run.arrays) as arrays:
+        assert [int(row["class"]) for row in rows[:12]] == arrays["clean"][:12].tolist()
+    assert "cannot be read" in rows[12]["error"]
+    assert (tmp_path / "out" / "predictions.csv").read_text().startswith("file,class,probability,error\n")
+    assert (tmp_path / "out" / "predictions.png").stat().st_size > 1000
+
+
+def test_predict_without_images(trained, tmp_path):
+    outputs, run = trained
+    with pytest.raises(UserError, match="no image there"):
+        predict.main([f"run={run.path}", f"input={tmp_path}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])

@@ -1,0 +1,27 @@
+import copy
+
+from sextant.cli.compose import compose, to_plain
+from sextant.config import digest
+
+
+def test_nuisances_do_not_change_the_digest():
+    plain = to_plain(compose([]))
+    nuisances = ["seed=5", "trainer.workers=2", "trainer.progress=false", "tracking=none", "paths.outputs=/elsewhere"]
+    assert digest(to_plain(compose(nuisances))) == digest(plain)
+
+
+def test_whatever_changes_the_result_changes_the_digest():
+    changes = ["optimizer.lr=0.03", "backbone=lenet_b", "inhibition=twin", "trainer.threads=2", "trainer.max_epochs=3"]
+    changes += ["dataset.size=32", "corruption.seed=1", "task.split_seed=1", "schedule=cosine", "init_from=x"]
+    digests = {digest(to_plain(compose([change]))) for change in changes}
+    assert len(digests | {digest(to_plain(compose([])))}) == len(changes) + 1
+
+
+def test_the_order_of_keys_does_not_matter():
+    plain = to_plain(compose([]))
+    shuffled = {key: copy.deepcopy(plain[key]) for key in reversed(plain)}
+    assert digest(shuffled) == digest(plain)
+
+
+def test_a_group_and_its_values_written_out_are_the_same_experiment():
+    assert digest(to_plain(compose(["backbone=lenet_b"]))) == digest(to_plain(compose(["backbone.variant=B"])))

@@ -1,0 +1,108 @@
+"""Every mistake in a config is told with its key, its value, what is allowed and what to write."""
+
+import copy
+
+import pytest
+
+from sextant.cli.compose import compose, to_plain
+from sextant.config import validate
+from sextant.errors import UserError
+
+
+@pytest.fixture(scope="module")
+def composed():
+    return to_plain(compose([]))
+
+
+def mistake(composed, key, value):
+    config = copy.deepcopy(composed)
+    *parents, last = key.split(".")
+    node = config
+    for parent in parents:
+        node = node[parent]
+    node[last] = value
+    with pytest.raises(UserError) as caught:
+        validate(config)
+    return str(caught.value)
+
+
+def test_the_default_config_is_legal_and_typed(composed):
+    config = validate(composed)
+    assert config.trainer.max_epochs == composed["trainer"]["max_epochs"]
+    assert config.task.name == "classification"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("optimizer.lr", -1, "optimizer.lr=-1: must be greater than 0. For example optimizer.lr="),
+        ("optimizer.lr", "fast", "optimizer.lr='fast': must be a valid number"),
+        ("trainer.max_epochs", 2.5, "trainer.max_epochs=2.5: must be a valid integer"),
+        ("trainer.max_epochs", True, "trainer.max_epochs=true: must be a valid integer"),
+        ("trainer.max_epochs", 0, "greater than or equal to 1"),
+        ("trainer.log_every", 1, "greater than or equal to 20"),
+        ("trainer.accelerator", "tpu", "must be 'cpu' or 'gpu'"),
+        ("backbone.variant", "E", "must be 'A', 'B', 'C' or 'D'"),
+        ("task.validation_fraction", 1.0, "must be less than 1"),
+        ("seed", -3, "seed=-3"),
+        ("corruption.corruptions.gaussian.levels", [-1.0], "corruption.corruptions.gaussian.levels.0=-1.0"),
+        ("corruption.corruptions.contrast_poisson.levels", [], "at least 1 item"),
+        ("inhibition", {"_target_": "sextant.layers.PushPullInhibition", "scale": 0.5}, "inhibition.scale=0.5"),
+    ],
+)
+def test_wrong_values_are_named_with_what_is_allowed(composed, key, value, said):
+    assert said in mistake(composed, key, value)
+
+
+@pytest.mark.parametrize(
+    ("key", "near"),
+    [
+        ("trainer.max_epoch", "trainer.max_epochs=7"),
+        ("optimizer.lrr", "optimizer.lr=7"),
+        ("dataset.siez", "dataset.size=7"),
+        ("corruption.corruptions.gaussian.level", "corruption.corruptions.gaussian.levels=7"),
+        ("task.split_sed", "task.split_seed=7"),
+    ],
+)
+def test_unknown_keys_are_refused_and_the_nearest_is_offered(composed, key, near):
+    assert f"{key}: unknown key. Did you mean {near}?" in mistake(composed, key, 7)
+
+
+def test_all_mistakes_are_told_at_once(composed):
+    config = copy.deepcopy(composed)
+    config["optimizer"]["lr"] = -1
+    config["seed"] = "x"
+    config["trainer"]["bogus"] = 1
+    with pytest.raises(UserError) as caught:
+        validate(config)
+    assert len(str(caught.value).splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"optimizer.momentum": 0.0}, "optimizer.nesterov=true needs optimizer.momentum above 0"),
+        ({"trainer.precision": "16-mixed"}, "trainer.precision=16-mixed needs trainer=gpu"),
+        ({"tracking.kind": "server"}, "tracking=server tracking.uri=http://"),
+        ({"tracking.uri": "http://x"}, "belongs to tracking=server"),
+        ({"schedule.at": [0.6, 0.3]}, "schedule.at must ascend"),
+        ({"sweep": {"name": "s", "contrasts": {"c": {"treatment": "a", "control": "b"}}}}, "names the arm 'a'"),
+    ],
+)
+def test_rules_across_keys(composed, changes, said):
+    config = copy.deepcopy(composed)
+    for key, value in changes.items():
+        *parents, last = key.split(".")
+        node = config
+        for parent in parents:
+            node = node[parent]
+        node[last] = value
+    with pytest.raises(UserError, match="(?s).*") as caught:
+        validate(config)
+    assert said in str(caught.value)
+
+
+def test_a_part_of_the_users_own_is_legal(composed):
+    config = copy.deepcopy(composed)
+    config["backbone"] = {"_target_": "my_package.Network", "depth": 3}
+    assert validate(config).backbone.target == "my_package.Network"

@@ -1,0 +1,74 @@
+import builtins
+import pickle
+import resource
+import signal
+
+import pytest
+import torch
+
+from sextant.errors import UserError
+from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, AtomicCheckpointIO, load_checkpoint
+
+GOOD = {KEY: {"schema_version": SCHEMA_VERSION, "task": "classification"}, "state_dict": {"w": torch.ones(3)}}
+
+
+class Payload:
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return builtins.open, (str(self.path), "w")
+
+
+def test_round_trip(tmp_path):
+    AtomicCheckpointIO().save_checkpoint(GOOD, tmp_path / "last.ckpt")
+    assert torch.equal(load_checkpoint(tmp_path / "last.ckpt")["state_dict"]["w"], torch.ones(3))
+
+
+@pytest.mark.parametrize("save", [torch.save, lambda value, path: path.write_bytes(pickle.dumps(value))])
+def test_a_pickle_posing_as_a_checkpoint_is_refused_and_not_executed(tmp_path, save):
+    path, trace = tmp_path / "x.ckpt", tmp_path / "executed"
+    save({**GOOD, "payload": Payload(trace)}, path)
+    with pytest.raises(UserError, match="not loaded"):
+        load_checkpoint(path)
+    assert not trace.exists()
+
+
+def test_truncated(tmp_path):
+    path = tmp_path / "x.ckpt"
+    torch.save({**GOOD, "more": torch.zeros(10_000)}, path)
+    path.write_bytes(path.read_bytes()[:5_000])
+    with pytest.raises(UserError, match=r"x\.ckpt"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"state_dict": {}}, "not a checkpoint of Sextant"),
+        ({KEY: {"schema_version": 99}, "state_dict": {}}, "format 99"),
+        ([1, 2], "not a checkpoint of Sextant"),
+    ],
+)
+def test_other_files(tmp_path, content, said):
+    torch.save(content, tmp_path / "x.ckpt")
+    with pytest.raises(UserError, match=said):
+        load_checkpoint(tmp_path / "x.ckpt")
+    with pytest.raises(UserError, match="no checkpoint at"):
+        load_checkpoint(tmp_path / "absent.ckpt")
+
+
+def test_a_full_disk_keeps_the_previous_checkpoint(tmp_path):
+    path = tmp_path / "last.ckpt"
+    AtomicCheckpointIO().save_checkpoint(GOOD, path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:  # the system refuses to write past this size, as it refuses on a full disk
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+        with pytest.raises(UserError, match="previous checkpoint is intact"):
+            AtomicCheckpointIO().save_checkpoint({**GOOD, "more": torch.zeros(1_000_000)}, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert torch.equal(load_checkpoint(path)["state_dict"]["w"], torch.ones(3))
+    assert [p.name for p in tmp_path.iterdir()] == ["last.ckpt"]
