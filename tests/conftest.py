@@ -14,7 +14,7 @@ settings.load_profile("sextant")
 @pytest.fixture(scope="session")
 def real_data():
     """The folder named by SEXTANT_DATA."""
-    if "SEXTANT_DATA" not in os.environ:
+    if not os.environ.get("SEXTANT_DATA"):
         pytest.skip("SEXTANT_DATA does not name a folder with real data")
     folder = Path(os.environ["SEXTANT_DATA"])
     if not folder.is_dir():

@@ -108,9 +108,10 @@ def test_an_interrupted_run_says_so_and_is_resumable(tmp_path, monkeypatch):
     def interrupt(self, batch, batch_idx):
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch:
         patch.setattr(Classification, "training_step", interrupt)
-        execute(quick_config(tmp_path, "tracking=none"))
+        with pytest.raises(KeyboardInterrupt):
+            execute(quick_config(tmp_path, "tracking=none"))
     (run,) = (tmp_path / "runs" / "classification").glob("*-s0")
     assert RunDirectory(run).state()["failure"] == "interrupted"
     assert RunDirectory(run).results() is None

@@ -97,7 +97,7 @@ def test_rules_across_keys(composed, changes, said):
         for parent in parents:
             node = node[parent]
         node[last] = value
-    with pytest.raises(UserError, match="(?s).*") as caught:
+    with pytest.raises(UserError) as caught:
         validate(config)
     assert said in str(caught.value)
 

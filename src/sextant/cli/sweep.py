@@ -22,7 +22,7 @@ from sextant.config import Config, validate
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, RunKey, claim
 from sextant.runs.source_tree import source_tree_sha256
-from sextant.runs.sweep_directory import Cell, SweepPlan
+from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
 Launch = Callable[[Sequence[Sequence[str]]], list[Any]]
 POLL_S = 1.0
@@ -50,6 +50,8 @@ def run_sweep(arguments: Sequence[str], launch: Launch) -> None:
     """
     plan, planned, config = make_plan(arguments)
     outputs = Path(config.paths.outputs)
+    if (plan.directory(outputs) / "cells.json").exists():  # begun before: it keeps its parent run
+        plan = replace(plan, mlflow_runs=read_plan(plan.directory(outputs)).mlflow_runs)
     directory = plan.write(outputs)
     missing = [entry for entry in planned if not entry.finished]
     console.print(f"[bold]{plan.name}[/]: {len(planned)} runs planned, {len(planned) - len(missing)} finished already")
@@ -63,7 +65,7 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
     parsed = OverridesParser.create().parse_overrides(list(arguments))
     fixed = [o.input_line for o in parsed if not o.is_sweep_override() and o.input_line is not None]
     swept = {o.key_or_group: _choices(o) for o in parsed if o.is_sweep_override()}
-    base = to_plain(compose(fixed))
+    base = to_plain(compose([*fixed, *(f"{key}={choices[0]}" for key, choices in swept.items())]))
     definition: dict[str, Any] = base.get("sweep") or {"name": "sweep"}
     sweep = validate({**base, "sweep": definition}).sweep
     assert sweep is not None
@@ -116,7 +118,8 @@ def _run_missing(plan: SweepPlan, missing: list[Planned], config: Config, output
 
         experiment = config.tracking.experiment or config.task.name
         parent = open_parent(config.tracking.kind, config.tracking.uri, outputs, plan, experiment)
-        plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
+        if parent.run_id not in plan.mlflow_runs:
+            plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
         plan.write(outputs)
         quiet.append(f"tracking.parent_run={parent.run_id}")
     try:

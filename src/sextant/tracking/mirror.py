@@ -125,7 +125,9 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status, 
     results = directory.results()
     if results is not None:
         step, when = int(results.get("steps", 0)), int(1000 * directory.state().get("ended", time.time()))
-        mirror.log({k: v for k, v in results["metrics"].items() if v is not None}, step, when)
+        logged = {name for line in read_history(directory.history) if line["step"] == step for name in line["metrics"]}
+        final = {name: value for name, value in results["metrics"].items() if value is not None}
+        mirror.log({name: value for name, value in final.items() if name not in logged}, step, when)
         mirror.tags({"sextant.outcome": str(results["outcome"])})
     failure = directory.state().get("failure")
     if failure:

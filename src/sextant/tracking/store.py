@@ -79,6 +79,7 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
     uri = sqlite_uri(outputs)
     with FileLock(outputs / ".mlflow.lock"):
         try:
+            _require_sqlite(database)
             client = MlflowClient(uri)
             client.get_experiment("0")
             _write_ahead_and_follow(database, artifacts)
@@ -118,6 +119,15 @@ def require_server(uri: str, timeout_s: float = 3.0) -> None:
             f"tracking.uri={uri}: no MLflow server answers there ({reason})",
             "Start one, correct the address, or log to the embedded store: tracking=sqlite",
         ) from None
+
+
+def _require_sqlite(database: Path) -> None:
+    """Raise ``sqlite3.Error`` if the file is there and not a database; MLflow would tell it in a traceback."""
+    connection = sqlite3.connect(database, timeout=20)
+    try:
+        connection.execute("PRAGMA schema_version")
+    finally:
+        connection.close()
 
 
 def _write_ahead_and_follow(database: Path, artifacts: Path) -> None:

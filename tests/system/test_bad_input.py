@@ -1,0 +1,103 @@
+"""Each mistake ends with one clear message, exit status 2 and no traceback, before anything heavy is imported."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sextant import cli
+
+ROOT = Path(__file__).parents[2]
+
+MISTAKES = {
+    "unknown task": (["task=juggling"], "task=juggling: no such option"),
+    "misspelt key": (["trainer.max_epoch=3"], "Did you mean trainer.max_epochs=3?"),
+    "misspelt group": (["datset=mnist"], "Did you mean dataset=mnist?"),
+    "forced unknown key": (["++trainer.bogus=1"], "trainer.bogus: unknown key"),
+    "added unknown key": (["+bogus=1"], "bogus: unknown key"),
+    "wrong type": (["trainer.max_epochs=many"], "trainer.max_epochs='many': must be a valid integer"),
+    "out of range": (["optimizer.lr=-1"], "optimizer.lr=-1: must be greater than 0. For example optimizer.lr=0.1"),
+    "rule across keys": (["optimizer.momentum=0.0"], "optimizer.nesterov=true needs optimizer.momentum above 0"),
+    "missing value": (["dataset=image_folder"], "dataset.folder has no default"),
+    "missing folder": (["dataset=image_folder", "dataset.folder=/nowhere"], "no such folder. Looked for"),
+    "missing dataset": (["dataset=cifar10", "paths.data=/nowhere", "paths.cache=/nowhere/else"], "dataset=digits"),
+    "unreachable server": (["tracking=server", "tracking.uri=http://127.0.0.1:9"], "no MLflow server answers there"),
+    "no address": (["tracking=server"], "tracking=server tracking.uri=http://127.0.0.1:5000"),
+    "unwritable output": (["paths.outputs=/proc/sextant"], "paths.outputs=/proc/sextant cannot be written to"),
+    "sweep without -m": (["sweep=demo"], "Run it with -m: python train.py -m sweep=demo"),
+    "unknown sweep": (["-m", "sweep=dmeo"], "Did you mean sweep=demo?"),
+    "wrong choice in a sweep": (["-m", "seed=0,1", "backbone=lenet_a,lenet_z"], "backbone=lenet_z: no such option"),
+    "not an override": (["please train"], "'please train' is not a key=value override"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "said"), MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_is_told_in_one_message(arguments, said, capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["train.py"])
+    with pytest.raises(SystemExit) as caught:
+        cli.run("train", arguments)
+    told = capsys.readouterr().err
+    assert caught.value.code == 2
+    assert said in told
+    assert told.startswith("Error: ")
+    assert "Traceback" not in told
+    assert not list(tmp_path.glob("runs/*/*"))
+
+
+def run_and_list_modules(arguments, tmp_path):
+    code = (
+        "import sys; sys.argv[0] = 'train.py'\n"
+        "from sextant.cli import run_script\n"
+        "try: run_script('train')\n"
+        "finally: print('MODULES', *sys.modules, file=sys.stderr)\n"
+    )
+    line = "python train.py dataset="
+    completion = {"COMP_LINE": line, "COMP_POINT": str(len(line))}
+    environment = {**os.environ, **completion, "SEXTANT_OUTPUTS": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=ROOT, env=environment, check=False
+    )
+    return done, set(done.stderr.rsplit("MODULES", 1)[-1].split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (["--help"], 0, "Config groups"),
+        (["--cfg", "job"], 0, "max_epochs:"),
+        (["-sc", "query=bash"], 0, "dataset=mnist"),
+        (["optimizer.lr=-1"], 2, "optimizer.lr=-1"),
+        (["dataset=mnits"], 2, "dataset=mnist"),
+    ],
+)
+def test_light_paths_import_nothing_heavy(arguments, status, said, tmp_path):
+    done, modules = run_and_list_modules(arguments, tmp_path)
+    assert done.returncode == status
+    assert said in done.stdout + done.stderr
+    assert "hydra" in modules
+    assert not modules & {"torch", "pytorch_lightning", "mlflow", "torchvision", "sklearn", "matplotlib"}
+
+
+@pytest.mark.parametrize(
+    ("verb", "arguments", "said"),
+    [
+        ("evaluate", [], "which run?"),
+        ("evaluate", ["run=nothing"], "There are no runs here yet"),
+        ("predict", ["run=nothing"], "input= is missing"),
+        ("report", [], "which sweep?"),
+        ("report", ["sweep=nothing"], "There are no sweeps here yet"),
+        ("report", ["swep=demo"], "Did you mean sweep=demo?"),
+        ("runs", ["delete", "classification/nothing"], "no such run"),
+        ("runs", ["burn"], "not understood"),
+        ("dashboard", ["port=eighty"], "port=eighty must be a number"),
+    ],
+)
+def test_mistakes_with_the_other_commands(verb, arguments, said, capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path))
+    with pytest.raises(SystemExit) as caught:
+        cli.run(verb, arguments)
+    assert caught.value.code == 2
+    assert said in capsys.readouterr().err

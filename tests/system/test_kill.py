@@ -1,0 +1,124 @@
+"""kill -9 at random moments loses nothing and doubles nothing."""
+
+import multiprocessing
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from support import QUICK, quick_config
+
+from sextant.cli.execute import execute
+from sextant.runs.directory import RunDirectory, all_runs
+from sextant.tracking.store import open_store
+
+ROOT = Path(__file__).parents[2]
+KILLS = 10
+
+
+def child(raw):
+    os.setsid()
+    execute(raw, wait=True)
+
+
+def intact(outputs):
+    with sqlite3.connect(outputs / "mlflow.db") as connection:
+        return connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+
+
+def tracked(outputs):
+    store = open_store("sqlite", None, outputs)
+    return store.client.search_runs([store.experiment_id("classification")])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
+    overrides = ["trainer.max_epochs=30", "trainer.batch_size=32"]
+    raw = quick_config(tmp_path / "killed", *overrides)
+    expected = RunDirectory(execute(quick_config(tmp_path / "whole", *overrides)).directory).results()
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["sextant.cli.training", "sextant.tracking.mirror", "mlflow"])
+    rng, kills = random.Random(0), 0
+    for _ in range(5 * KILLS):
+        process = context.Process(target=child, args=(raw,))
+        process.start()
+        process.join(rng.uniform(0.2, 2.5))
+        if process.is_alive():
+            os.kill(process.pid, signal.SIGKILL)
+            kills += 1
+        process.join()
+        if kills == KILLS or list((tmp_path / "killed").glob("runs/*/*/metrics.json")):
+            break
+    results = RunDirectory(execute(raw).directory).results()
+    assert kills >= 3
+    assert results["metrics"] == expected["metrics"]
+    assert len(all_runs(tmp_path / "killed")) == 1
+    assert [run.info.status for run in tracked(tmp_path / "killed")] == ["FINISHED"]
+    assert intact(tmp_path / "killed")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_sweep_of_two_workers_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
+    outputs, whole = tmp_path / "killed", tmp_path / "whole"
+    choices = [(f"inhibition={kind}", f"seed={seed}") for kind in ("none", "push_pull") for seed in (0, 1)]
+    epochs = "trainer.max_epochs=30"
+    expected = {}
+    for choice in choices:
+        results = RunDirectory(execute(quick_config(whole, epochs, "tracking=none", *choice)).directory).results()
+        expected[results["digest"], results["seed"]] = results["metrics"]
+    command = [sys.executable, "train.py", "-m", *QUICK, epochs, "inhibition=none,push_pull", "seed=0,1"]
+    command += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    environment = {**os.environ, "SEXTANT_OUTPUTS": str(outputs)}
+    rng = random.Random(1)
+    for number in range(KILLS):
+        process = subprocess.Popen(
+            command, cwd=ROOT, env=environment, start_new_session=True, stdout=subprocess.DEVNULL
+        )
+        time.sleep(rng.uniform(1, 20))
+        os.kill(process.pid, signal.SIGKILL) if number % 2 else os.killpg(process.pid, signal.SIGKILL)
+        process.wait()  # every other time the workers live on for a while, beside those of the next try
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = {}
+    for directory in all_runs(outputs):
+        results = directory.results()
+        found[results["digest"], results["seed"]] = results["metrics"]
+    assert found == expected
+    assert len(all_runs(outputs)) == 4
+    runs = tracked(outputs)
+    assert sorted("sextant.sweep" in run.data.tags for run in runs) == [False] * 4 + [True]
+    assert {run.info.status for run in runs} == {"FINISHED"}
+    assert intact(outputs)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_ctrl_c_ends_a_run_as_killed_and_the_same_command_resumes_it(tmp_path):
+    command = [sys.executable, "train.py", *QUICK, "trainer.max_epochs=400", "trainer.progress=true"]
+    environment = {**os.environ, "SEXTANT_OUTPUTS": str(tmp_path)}
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    deadline = time.monotonic() + 300
+    while not list(tmp_path.glob("runs/*/*/checkpoints/last.ckpt")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    text, _ = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "Traceback" not in text
+    assert [run.info.status for run in tracked(tmp_path)] == ["KILLED"]
+    (directory,) = all_runs(tmp_path)
+    assert directory.results() is None
+    again = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert "resuming from" in again.stdout
+    assert "💡" not in again.stdout + again.stderr
+    assert "test/accuracy/clean" in again.stdout
+    assert directory.results()["epochs"] == 400
+    assert [run.info.status for run in tracked(tmp_path)] == ["FINISHED"]

@@ -1,0 +1,65 @@
+"""The embedded MLflow store: made once, written by many, repaired after a move."""
+
+import multiprocessing
+import shutil
+import sqlite3
+
+import pytest
+
+from sextant.errors import UserError
+from sextant.tracking.store import open_store, require_server
+
+
+def write_many(outputs, number):
+    from mlflow.entities import Metric
+
+    store = open_store("sqlite", None, outputs)
+    run = store.client.create_run(store.experiment_id("stress"))
+    for step in range(20):
+        store.client.log_batch(run.info.run_id, [Metric(f"m{number}", float(step), 0, step)])
+    store.client.set_terminated(run.info.run_id)
+
+
+def test_eight_processes_make_and_write_one_store(tmp_path):
+    context = multiprocessing.get_context("spawn")
+    workers = [context.Process(target=write_many, args=(tmp_path, number)) for number in range(8)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert [worker.exitcode for worker in workers] == [0] * 8
+    store = open_store("sqlite", None, tmp_path)
+    runs = store.client.search_runs([store.experiment_id("stress")])
+    assert len(runs) == 8
+    assert all(run.info.status == "FINISHED" for run in runs)
+    assert all(
+        len(store.client.get_metric_history(run.info.run_id, name)) == 20 for run in runs for name in run.data.metrics
+    )
+    assert len(store.client.search_experiments(filter_string="name = 'stress'")) == 1
+    with sqlite3.connect(tmp_path / "mlflow.db") as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+
+
+def test_artifact_addresses_follow_a_moved_folder(tmp_path):
+    before, after = tmp_path / "before", tmp_path / "some where else"
+    store = open_store("sqlite", None, before)
+    run_id = store.client.create_run(store.experiment_id("e")).info.run_id
+    (tmp_path / "note.txt").write_text("hello")
+    store.client.log_artifact(run_id, str(tmp_path / "note.txt"))
+    shutil.move(before, after)
+    moved = open_store("sqlite", None, after)
+    assert moved.client.get_run(run_id).info.artifact_uri.startswith((after / "artifacts").as_uri())
+    assert [file.path for file in moved.client.list_artifacts(run_id)] == ["note.txt"]
+    assert not before.exists()
+
+
+def test_a_damaged_database_is_named(tmp_path):
+    (tmp_path / "mlflow.db").write_bytes(b"this is no database, but it is long enough to look at" * 100)
+    with pytest.raises(UserError, match=r"mlflow\.db cannot be opened as a tracking store"):
+        open_store("sqlite", None, tmp_path)
+
+
+def test_a_server_that_does_not_answer_is_told_at_once():
+    with pytest.raises(UserError, match=r"tracking\.uri=http://127\.0\.0\.1:9: no MLflow server answers"):
+        require_server("http://127.0.0.1:9")
