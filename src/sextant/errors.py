@@ -1,4 +1,4 @@
-"""The one exception that stands for a user's mistake."""
+"""Exceptions that are told to the user in one message."""
 
 
 class UserError(Exception):
@@ -16,3 +16,15 @@ class UserError(Exception):
 
     def __reduce__(self) -> tuple[type["UserError"], tuple[str, str | None]]:
         return type(self), (self.problem, self.fix)
+
+
+class LossNotFiniteError(UserError):
+    """The training loss became infinite or not a number: going on would only spoil the weights."""
+
+    @classmethod
+    def at(cls, step: int, value: float) -> "LossNotFiniteError":
+        """The error for a loss of ``value`` at ``step``."""
+        return cls(
+            f"the training loss became {value} at step {step}, and the run was stopped",
+            "Lower optimizer.lr, or look at the data; the checkpoint of the last whole epoch is kept.",
+        )

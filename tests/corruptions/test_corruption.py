@@ -67,7 +67,7 @@ def test_clipping_moves_values_outside_the_unit_range_to_its_ends(kind, level):
 
 
 @every_corruption
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float32, torch.float64])
 def test_the_images_keep_their_type_and_are_not_changed_in_place(corruption, dtype):
     images, indices = some_images()
     images = images.to(dtype)

@@ -13,7 +13,6 @@ from sextant.evaluation import mean_interval, paired_difference
 from sextant.evaluation.paired import bootstrap_t_interval, crossed_interval
 
 SEEDS, REPLICATIONS = 8, 400
-NAN = float("nan")
 
 
 def two_arms(seed, *shape):
@@ -42,6 +41,16 @@ def crossed_experiments(seed_spread, image_spread, images=60):
     by_seed = seed_spread * rng.normal(size=(REPLICATIONS, SEEDS, 1))
     by_image = image_spread * rng.normal(size=(REPLICATIONS, 1, images))
     return by_seed + by_image + rng.normal(size=(REPLICATIONS, SEEDS, images))
+
+
+def bootstrap_of_every_image(images, resamples=4000):
+    """The studentized bootstrap that draws seeds and then, within each, images one by one."""
+    seeds, count = images.shape
+    rng = np.random.default_rng(0)
+    rows, columns = rng.integers(seeds, size=(resamples, seeds, 1)), rng.integers(count, size=(resamples, seeds, count))
+    drawn = images[rows, columns].mean(axis=2)
+    t = (drawn.mean(1) - images.mean()) / stats.sem(drawn, axis=1)
+    return images.mean() - np.quantile(t, [0.975, 0.025]) * stats.sem(images.mean(1))
 
 
 def signed_rank_p_value(differences):
@@ -161,6 +170,15 @@ def test_the_bootstrap_is_a_function_of_its_seed():
     differences = two_arms(0, SEEDS, 50)[0]
     assert bootstrap_t_interval(differences, seed=1) == bootstrap_t_interval(differences, seed=1)
     assert bootstrap_t_interval(differences, seed=1) != bootstrap_t_interval(differences, seed=2)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_the_bootstrap_draws_images_within_each_drawn_seed(seed):
+    rng = np.random.default_rng(seed)
+    differences = 0.1 * rng.normal(size=(5, 1)) + rng.normal(size=(5, 200))
+    direct = bootstrap_of_every_image(differences)
+    np.testing.assert_allclose(bootstrap_t_interval(differences), direct, atol=0.04 * np.ptp(direct))
+    assert not np.allclose(bootstrap_t_interval(differences.mean(1, keepdims=True)), direct, atol=0.04 * np.ptp(direct))
 
 
 def test_one_skewed_seed_makes_the_bootstrap_interval_lopsided_on_its_side():

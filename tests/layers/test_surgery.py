@@ -59,10 +59,11 @@ def test_no_inhibition_leaves_the_network_as_it_is():
     assert list(network.modules()) == modules
 
 
+@pytest.mark.parametrize("network", [nn.Sequential(nn.Flatten(), nn.Linear(4, 2)), nn.Conv2d(1, 1, 3)])
 @pytest.mark.parametrize("find", [first_conv, PushPullInhibition()])
-def test_a_network_without_convolution_is_refused(find):
-    with pytest.raises(ValueError, match="Sequential has no Conv2d"):
-        find(nn.Sequential(nn.Flatten(), nn.Linear(4, 2)))
+def test_a_network_without_a_convolution_inside_is_refused(find, network):
+    with pytest.raises(ValueError, match=f"{type(network).__name__} has no Conv2d"):
+        find(network)
 
 
 def test_training_the_twin_is_training_the_network_without_inhibition():

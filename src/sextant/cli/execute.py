@@ -4,7 +4,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +15,7 @@ from sextant.cli.console import console
 from sextant.cli.resolve import resolve_run
 from sextant.config import Config, digest, validate
 from sextant.data.source import ImageSource
-from sextant.errors import UserError
+from sextant.errors import LossNotFiniteError, UserError
 from sextant.runs.atomic import write_atomically
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
@@ -185,9 +185,9 @@ def execute_cell(raw: Mapping[str, Any]) -> dict[str, Any]:
     except KeyboardInterrupt:
         raise
     except Exception as error:
-        diverged = type(error).__name__ == "LossNotFiniteError"
-        outcome = Outcome("diverged" if diverged else "failed", Path(), message=f"{type(error).__name__}: {error}")
-    return asdict(replace(outcome, directory=outcome.directory)) | {"directory": str(outcome.directory)}
+        name: OutcomeName = "diverged" if isinstance(error, LossNotFiniteError) else "failed"
+        outcome = Outcome(name, Path(), message=f"{type(error).__name__}: {error}")
+    return asdict(outcome) | {"directory": str(outcome.directory)}
 
 
 def _flat(node: Any, prefix: str = "") -> dict[str, Any]:

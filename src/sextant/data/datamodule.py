@@ -61,7 +61,7 @@ class ImageData(pl.LightningDataModule):
             return self._loader(images, EpochBatches(len(images), self.batch_size, self.seed))
         batches = EpochBatches(len(images), self.batch_size, self.seed, trainer.global_rank, trainer.world_size)
         # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
-        batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)
+        batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
         return self._loader(images, batches)
 
     def val_dataloader(self) -> DataLoader[Batch]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray
 
-from sextant.errors import UserError
+from sextant.errors import LossNotFiniteError, UserError
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
@@ -84,7 +84,7 @@ def _load(cell: Cell, run: RunDirectory) -> CellResult:
     results = run.results()
     if results is None:
         failure = cell.message or run.state().get("failure")
-        lost = str(failure).startswith("LossNotFiniteError")
+        lost = str(failure).startswith(LossNotFiniteError.__name__)
         known: Outcome = "diverged" if lost else "failed" if failure and failure != "interrupted" else "missing"
         return CellResult(cell, known, {})
     try:

@@ -198,8 +198,7 @@ def _published_verdict(rows: list[ContrastRow]) -> str:
         f"that two runs of the *same* convolution show here when only their seeds differ; a single pair cannot tell "
         f"the other {len(known) - above} from chance. Over our seeds, {confirmed} have the published sign with an "
         f"interval that excludes zero, {opposite} the opposite sign with such an interval, and the rest are undecided."
-        "\n\n"
-        + table.markdown()
+        "\n\n" + table.markdown()
     )
 
 

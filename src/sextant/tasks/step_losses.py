@@ -3,19 +3,7 @@
 import torch
 from torch import Tensor
 
-from sextant.errors import UserError
-
-
-class LossNotFiniteError(UserError):
-    """The training loss became infinite or not a number: going on would only spoil the weights."""
-
-    @classmethod
-    def at(cls, step: int, value: float) -> "LossNotFiniteError":
-        """The error for a loss of ``value`` at ``step``."""
-        return cls(
-            f"the training loss became {value} at step {step}, and the run was stopped",
-            "Lower optimizer.lr, or look at the data; the checkpoint of the last whole epoch is kept.",
-        )
+from sextant.errors import LossNotFiniteError
 
 
 class StepLosses:

@@ -1,0 +1,25 @@
+"""Run benchmarks by name, or all of them, and print one table."""
+
+import sys
+from importlib import import_module
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.machine import describe_machine
+
+NAMES = ("start_up", "training_loop", "skip_cell")
+
+
+def main(names: list[str]) -> None:
+    table = Table("benchmark", "measured", "against", "ratio", "aim")
+    for name in names or NAMES:
+        for row in import_module(f"benchmarks.{name}").run():
+            table.add_row(*row)
+    console = Console(width=130)
+    console.print(describe_machine())
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
