@@ -99,20 +99,37 @@ class Witness(pl.LightningModule):
         self.seen.setdefault(self.current_epoch, []).append(batch.indices.tolist())
         return self.weight.sum()
 
+    def validation_step(self, *_):
+        pass
+
     def configure_optimizers(self):
         return torch.optim.SGD(self.parameters(), lr=0.1)
 
 
-def test_the_trainer_shows_each_epoch_in_the_order_of_its_seed_and_number():
+def fitted(epochs, checkpoint=None):
+    """A trainer and the images that it showed, by epoch."""
     quiet = {
         "logger": False,
         "enable_checkpointing": False,
         "enable_progress_bar": False,
         "enable_model_summary": False,
     }
-    module, witness = data(seed=5, stages=[]), Witness()
-    pl.Trainer(max_epochs=3, limit_val_batches=0, accelerator="cpu", **quiet).fit(witness, module)
-    expected = EpochBatches(len(module.split("train")), 8, seed=5)
-    for epoch in range(3):
+    trainer, witness = pl.Trainer(max_epochs=epochs, accelerator="cpu", **quiet), Witness()
+    trainer.fit(witness, data(seed=5, stages=[]), ckpt_path=checkpoint)
+    return trainer, witness.seen
+
+
+def test_the_trainer_shows_each_epoch_in_the_order_of_its_seed_and_number():
+    _, seen = fitted(3)
+    assert list(seen) == [0, 1, 2]
+    expected = EpochBatches(TRAIN * 4 // 5, 8, seed=5)
+    for epoch, shown in seen.items():
         expected.set_epoch(epoch)
-        assert witness.seen[epoch] == [batch.tolist() for batch in expected]
+        assert shown == [batch.tolist() for batch in expected]
+
+
+def test_a_resumed_trainer_shows_the_epochs_that_were_left(tmp_path):
+    _, whole = fitted(3)
+    first, _ = fitted(1)
+    first.save_checkpoint(tmp_path / "first.ckpt")
+    assert fitted(3, tmp_path / "first.ckpt")[1] == {1: whole[1], 2: whole[2]}

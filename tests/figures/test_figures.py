@@ -67,11 +67,11 @@ def tick_labels(axis):
     ],
 )
 def test_every_figure_is_saved_as_a_picture_with_ink(make, tmp_path):
-    figure = make()
-    (path,) = save_figure(figure, tmp_path / "figures", "name")
+    (path,) = save_figure(make(), tmp_path / "figures", "name")
     assert path == tmp_path / "figures" / "name.png"
     with Image.open(path) as picture:
-        assert picture.size == pytest.approx(150 * figure.get_size_inches(), abs=1)
+        assert picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
+        assert min(picture.size) > 100
         assert len(picture.convert("L").getcolors()) > 16
 
 
@@ -124,6 +124,11 @@ def test_severity_curves_have_a_panel_for_each_corruption_and_a_line_for_each_mo
     assert drawn == {"plain": pytest.approx([99, 90, 60]), "inhibited": pytest.approx([98, 95, 80])}
     assert [text.get_text() for text in gaussian.get_legend().get_texts()] == ["plain", "inhibited"]
     assert not gaussian.collections
+
+
+def test_a_single_severity_curve_needs_no_legend():
+    gaussian, _ = severity_curves(LEVELS, {"plain": ACCURACY["plain"]}).axes
+    assert gaussian.get_legend() is None
 
 
 def test_severity_curves_draw_intervals_as_bands_around_their_lines():

@@ -18,7 +18,7 @@ class Corruption(ABC, Generic[Params]):
     and every image depends on (seed, corruption, level, its index) alone, not on its batch.
 
     Attributes:
-        name: names the corruption in metrics and enters the seeds.
+        name: enters the seeds; corruptions of one name share their random streams. Metrics use the suite's key.
         levels: the severities, in the corruption's own unit, mildest first.
     """
 

@@ -54,7 +54,8 @@ class EpochBatches(Sampler[Tensor]):
         count: number of images.
         batch_size: images in a batch; the last one of an epoch may be smaller.
         seed: of the shuffling; None keeps the order.
-        rank, ranks: this process among those that share the epoch; each takes every ``ranks``-th batch.
+        rank, ranks: this process among those that share the epoch; each takes every ``ranks``-th batch, and the last
+            batches that would not go round are left out.
     """
 
     def __init__(self, count: int, batch_size: int, seed: int | None = None, rank: int = 0, ranks: int = 1):

@@ -7,6 +7,7 @@ from torch.utils.data import DataLoader
 from sextant.data.batches import Batch, EpochBatches, ImageBatches
 from sextant.data.source import ImageSource, LabelledImages
 from sextant.data.split import stratified_split
+from sextant.errors import UserError
 
 
 class ImageData(pl.LightningDataModule):
@@ -44,7 +45,12 @@ class ImageData(pl.LightningDataModule):
         """Read the splits that ``stage`` needs: training and validation for ``fit``, test for ``test``."""
         if stage == "fit" and "train" not in self._splits:
             data = self.source.read("train")
-            train, validation = stratified_split(data.labels, self.validation_fraction, self.split_seed)
+            try:
+                train, validation = stratified_split(data.labels, self.validation_fraction, self.split_seed)
+            except ValueError as error:
+                raise UserError(
+                    f"dataset={self.source.name}: no validation split can be made: {error}", "Add images to that class."
+                ) from None
             self._splits["train"] = _in_memory(LabelledImages(data.images[train], data.labels[train]))
             self._splits["validation"] = _in_memory(LabelledImages(data.images[validation], data.labels[validation]))
         if stage == "test" and "test" not in self._splits:

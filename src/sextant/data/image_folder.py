@@ -78,6 +78,8 @@ class ImageFolder(ImageSource):
                 continue
             paths = sorted(_images(self._root() / name))
             order = np.random.default_rng(label).permutation(len(paths))
+            if len(paths) < 2:
+                raise UserError(f"dataset.folder={self.folder}: class {name} has one image, too few for two splits")
             tests = max(1, round(self.test_fraction * len(paths)))
             chosen += [paths[i] for i in sorted(order[:tests] if split == "test" else order[tests:])]
         return chosen
@@ -93,6 +95,8 @@ class ImageFolder(ImageSource):
             UserError: an image cannot be decoded (it is named), or the split does not fit into memory.
         """
         paths = self.files(split)
+        if not paths:
+            raise UserError(f"dataset.folder={self.folder}: no image of {self._classes()} in its {split} folder")
         needed = len(paths) * self.channels * self.size**2
         if needed > LARGEST_IN_MEMORY:
             raise UserError(
@@ -115,7 +119,10 @@ def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *
     """
     try:
         with Image.open(path) as image:
-            upright = ImageOps.exif_transpose(image).convert("RGB" if channels == 3 else "L")
+            upright = ImageOps.exif_transpose(image)
+            if upright.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
+                upright = Image.fromarray((np.asarray(upright) >> 8).astype(np.uint8))
+            upright = upright.convert("RGB" if channels == 3 else "L")
             return np.asarray(ImageOps.fit(upright, (size, size), Image.Resampling.BICUBIC))
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
         raise UserError(

@@ -81,7 +81,7 @@ class ImageSource(ABC):
             except MissingDataError:  # a copy with the test split alone can still be evaluated on
                 entries.append((split, "absent"))
                 continue
-            entries += [(split, path.name, file_sha256(path)) for path in files]
+            entries += [(split, path.parent.name, path.name, file_sha256(path)) for path in files]
         return hashlib.sha256(json.dumps(entries).encode()).hexdigest()
 
 

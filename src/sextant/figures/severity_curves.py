@@ -31,5 +31,6 @@ def severity_curves(
         axes.set_xticks(list(positions), ["clean", *(f"{level:g}" for level in values)])
         axes.set(xlabel=corruption.replace("_", " "), ylabel="accuracy (%)", ylim=(0, 101))
         plain(axes)
-    panels[0].legend(frameon=False, fontsize=8)
+    if len(accuracy) > 1:
+        panels[0].legend(frameon=False, fontsize=8)
     return figure

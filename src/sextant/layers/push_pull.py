@@ -81,7 +81,9 @@ def push_pull(
     response = convolve(weight, bias, padding)
     pull_weight = upsample_kernel(weight, scale)
     if pull_weight is weight:  # h = 1: pull = -push, so one convolution serves both
-        return F.prelu(response, alpha) if isinstance(alpha, Tensor) else F.leaky_relu(response, alpha)
+        if not isinstance(alpha, Tensor):
+            return F.leaky_relu(response, alpha)
+        return torch.where(response > 0, response, alpha.view(-1, 1, 1) * response)
 
     growth = [dilation[i] * (pull_weight.shape[2 + i] - kernel[i]) // 2 for i in (0, 1)]
     wider = (padding[0] + growth[0], padding[1] + growth[1])
@@ -131,6 +133,8 @@ class PushPullConv2d(nn.Conv2d):
             raise ValueError(f"scale must be >= 1, with odd kernel sides above 1; got {scale} and {self.kernel_size}")
         if alpha < 0:
             raise ValueError(f"alpha must be >= 0, got {alpha}")
+        if padding == "same" and any(d * (k - 1) % 2 for d, k in zip(self.dilation, self.kernel_size, strict=True)):
+            raise ValueError(f"padding='same' needs odd kernel sides or even dilations, got {self.kernel_size}")
         self.scale = scale
         self.alpha: float | nn.Parameter = alpha
         if train_alpha:
