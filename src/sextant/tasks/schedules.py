@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+TOLERANCE = 1e-6  # a fraction written with six digits, such as 0.666667, means the epoch it is near
+
 
 @dataclass(frozen=True)
 class ConstantRate:
@@ -23,7 +25,7 @@ class StepDecay:
 
     def __call__(self, progress: float) -> float:
         """Factor on the learning rate at ``progress`` in [0, 1]."""
-        return self.factor ** sum(progress >= fraction - 1e-9 for fraction in self.at)
+        return self.factor ** sum(progress >= fraction - TOLERANCE for fraction in self.at)
 
 
 @dataclass(frozen=True)

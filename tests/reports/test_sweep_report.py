@@ -1,0 +1,134 @@
+"""A report of made-up runs whose statistics are known."""
+
+import csv
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sextant.errors import UserError
+from sextant.reports.contrasts import contrasts
+from sextant.reports.results import load_results
+from sextant.reports.summary import summarise
+from sextant.reports.sweep_report import write_report
+from sextant.reports.tables import TextTable, interval, number
+from sextant.runs.atomic import write_json
+from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.sweep_directory import Cell, SweepPlan
+
+IMAGES, SEEDS = 400, 9
+DEFINITION = {
+    "question": "Is b better?",
+    "contrasts": {
+        "effect": {"treatment": "b", "control": "a"},
+        "floor": {"treatment": "twin", "control": "a"},
+    },
+    "noise_floor": "floor",
+    "published": {"net": {"a": {"clean": 90.0}, "b": {"clean": 99.0}}},
+}
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    rng = np.random.default_rng(0)
+    labels = rng.integers(10, size=IMAGES)
+    cells, accuracy = [], {}
+    for arm, gain in (("a", 0.0), ("b", 0.1), ("twin", 0.0)):
+        for pair in range(SEEDS):
+            seed = pair + 1000 * (arm == "twin")
+            run = RunDirectory(tmp_path / "runs" / "classification" / f"{arm}-s{seed}")
+            cells.append(Cell({"backbone": "net"}, arm, pair, seed, arm, run.path.relative_to(tmp_path).as_posix()))
+            lost = (arm, pair) in (("b", 3), ("twin", 5))
+            arrays = {"labels": labels}
+            for key, level in (("clean", 0.8), ("gaussian/0.1", 0.6)):
+                right = rng.random(IMAGES) < (0.1 if lost else level + gain + 0.02 * rng.standard_normal())
+                arrays[key] = np.where(right, labels, (labels + 1) % 10)
+                accuracy[arm, pair, key] = 100 * right.mean()
+            run.path.mkdir(parents=True)
+            if (arm, pair) == ("a", 8):
+                run.update_state({**asdict(RunKey("classification", arm, seed, "c", "d")), "failure": "UserError: no"})
+                continue
+            np.savez_compressed(run.arrays, **arrays)
+            write_json(
+                run.metrics,
+                {
+                    "outcome": "diverged" if lost else "finished",
+                    "metrics": {},
+                    "timing": {"fit_s": 1.0},
+                    "parameters": 7,
+                },
+            )
+    directory = SweepPlan("made_up", DEFINITION, ["sweep=made_up"], cells).write(tmp_path)
+    return load_results(directory, tmp_path), accuracy
+
+
+def test_every_planned_run_is_counted(sweep):
+    results, _ = sweep
+    counts = {name: results.count(name) for name in ("finished", "diverged", "failed", "missing")}
+    assert counts == {"finished": 24, "diverged": 2, "failed": 1, "missing": 0}
+
+
+def test_a_cell_is_the_distribution_over_converged_seeds(sweep):
+    results, accuracy = sweep
+    (row,) = (s for s in summarise(results) if (s.arm, s.condition) == ("b", "clean"))
+    values = [accuracy["b", pair, "clean"] for pair in range(SEEDS) if pair != 3]
+    assert (row.seeds, row.diverged, row.failed) == (8, 1, 0)
+    assert row.mean == pytest.approx(np.mean(values))
+    assert row.median == pytest.approx(np.median(values))
+    assert row.spread == pytest.approx(np.std(values, ddof=1))
+    low, high = stats.t.interval(0.95, 7, np.mean(values), stats.sem(values))
+    assert (row.low, row.high) == pytest.approx((low, high))
+    assert row.all_mean == pytest.approx(np.mean([*values, accuracy["b", 3, "clean"]]))
+
+
+def test_a_contrast_pairs_seeds_drops_diverged_pairs_and_says_so(sweep):
+    results, accuracy = sweep
+    (row,) = (r for r in contrasts(results) if (r.contrast, r.condition) == ("effect", "clean"))
+    kept = [pair for pair in range(SEEDS) if pair not in (3, 8)]
+    differences = [accuracy["b", p, "clean"] - accuracy["a", p, "clean"] for p in kept]
+    assert (row.paired.seeds, row.dropped) == (7, 1)
+    assert row.paired.mean == pytest.approx(np.mean(differences))
+    test = stats.ttest_rel(*([accuracy[arm, p, "clean"] for p in kept] for arm in "ba")).confidence_interval()
+    assert (row.paired.low, row.paired.high) == pytest.approx((test.low, test.high))
+    everything = [accuracy["b", p, "clean"] - accuracy["a", p, "clean"] for p in range(8)]
+    assert row.everything == pytest.approx(np.mean(everything))
+    floor = [accuracy["twin", p, "clean"] - accuracy["a", p, "clean"] for p in range(8) if p != 5]
+    assert row.floor.spread == pytest.approx(np.std(floor, ddof=1))
+    assert row.published == pytest.approx(9.0)
+    assert row.published_in_spreads == pytest.approx(9.0 / row.floor.spread)
+
+
+def test_holm_is_over_the_family_of_a_contrast(sweep):
+    results, _ = sweep
+    rows = [row for row in contrasts(results) if row.contrast == "effect"]
+    raw = sorted(row.paired.p_value for row in rows)
+    assert sorted(row.p_holm for row in rows) == pytest.approx([min(1, 2 * raw[0]), max(min(1, 2 * raw[0]), raw[1])])
+
+
+def test_the_written_report(sweep):
+    results, _ = sweep
+    paths = {path.name: path for path in write_report(results)}
+    text = paths["report.md"].read_text()
+    assert "27 runs planned: 24 finished, 2 diverged, 1 failed, 0 missing. 9 seeds a cell.\n" in text
+    assert "Exploratory" not in text
+    assert "Of 1 published differences" in text
+    rows = list(csv.DictReader(paths["contrasts.csv"].open()))
+    assert {row["contrast"] for row in rows} == {"effect", "floor"}
+    assert float(rows[0]["mean"]) > 5
+    assert paths["cells.tex"].read_text().startswith("\\begin{tabular}")
+    assert {"contrast_effect.svg", "severity_net.png"} <= set(paths)
+
+
+def test_a_sweep_without_a_finished_run_cannot_be_reported(tmp_path):
+    plan = SweepPlan("none", {}, [], [Cell({}, "a", 0, 0, "d", "runs/classification/x")])
+    with pytest.raises(UserError, match="none of its 1 runs is finished yet"):
+        load_results(plan.write(tmp_path), tmp_path)
+
+
+def test_tables_and_numbers():
+    table = TextTable(["a|b", "c"], [["1 %", "x_y"]])
+    assert table.markdown() == "| a\\|b | c |\n| --- | --- |\n| 1 % | x_y |\n"
+    assert table.csv() == "a|b,c\n1 %,x_y\n"
+    assert "1 \\% & x\\_y \\\\" in table.latex()
+    assert [number(1.005, sign=True), number(float("nan")), interval(-1, 2, 1)] == ["+1.00", "–", "[-1.0, 2.0]"]
