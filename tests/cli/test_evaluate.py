@@ -72,6 +72,34 @@ def test_mistakes(trained, overrides, said):
     assert said in told(f"run={run.path}", *overrides, f"paths.outputs={outputs}", "tracking=none")
 
 
+def test_a_run_is_found_by_the_name_it_is_listed_with(trained):
+    outputs, run = trained
+    assert evaluated(outputs, f"run=classification/{run.path.name}", "corruption=none")
+
+
+def test_a_checkpoint_that_names_foreign_code_is_not_built(trained, tmp_path):
+    outputs, run = trained
+    content = load_checkpoint(run.last_checkpoint)
+    target = tmp_path / "written"
+    content[KEY]["config"]["inhibition"] = {
+        "_target_": "pathlib.Path.write_text",
+        "self": {"_target_": "pathlib.Path", "_args_": [str(target)]},
+        "data": "x",
+    }
+    torch.save(content, tmp_path / "foreign.ckpt")
+    arguments = [f"run={tmp_path / 'foreign.ckpt'}", f"paths.outputs={outputs}", "tracking=none"]
+    assert "which Sextant does not know" in told(*arguments)
+    with pytest.raises(UserError, match="which Sextant does not know"):
+        predict.main([arguments[0], f"input={run.figures}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])
+    assert not target.exists()
+
+
+def test_a_gpu_that_is_not_there(trained):
+    outputs, run = trained
+    if not torch.cuda.is_available():
+        assert "no CUDA device" in told(f"run={run.path}", "trainer=gpu", f"paths.outputs={outputs}", "tracking=none")
+
+
 def test_unknown_and_missing_run(trained):
     outputs, run = trained
     assert f"classification/{run.path.name}" in told("run=nope", f"paths.outputs={outputs}")

@@ -63,7 +63,7 @@ def test_the_same_again_returns_the_finished_run(finished):
 
 def test_changed_code_runs_into_a_new_directory_with_the_same_result(finished, monkeypatch):
     raw, outcome = finished
-    monkeypatch.setattr(life, "source_tree_sha256", lambda: "other code")
+    monkeypatch.setattr(life, "source_sha256", lambda targets: "other code")
     again = execute(raw)
     assert again.directory.name == outcome.directory.name + "-2"
     assert RunDirectory(again.directory).results()["metrics"] == RunDirectory(outcome.directory).results()["metrics"]
@@ -135,10 +135,12 @@ def test_a_nan_loss_stops_the_run_and_names_the_step(tmp_path, monkeypatch):
         execute(raw)
     (run,) = (tmp_path / "runs" / "classification").glob("*-s0")
     assert "step 25" in RunDirectory(run).state()["failure"]
-    assert RunDirectory(run).results() is None
-    cell = execute_cell(raw)
-    assert cell["outcome"] == "diverged"
+    assert RunDirectory(run).results()["outcome"] == "diverged"
+    cell = execute_cell(raw)  # the same nan is not looked for again
+    assert (cell["outcome"], cell["reused"]) == ("diverged", True)
     assert "step 25" in cell["message"]
+    other = execute_cell({**raw, "seed": 1})
+    assert (other["outcome"], other["reused"]) == ("diverged", False)
 
 
 def test_a_failing_cell_is_an_outcome_and_not_an_exception(tmp_path):

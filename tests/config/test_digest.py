@@ -1,7 +1,7 @@
 import copy
 
 from sextant.cli.compose import compose, to_plain
-from sextant.config import digest
+from sextant.config import digest, validate
 
 
 def test_nuisances_do_not_change_the_digest():
@@ -25,3 +25,8 @@ def test_the_order_of_keys_does_not_matter():
 
 def test_a_group_and_its_values_written_out_are_the_same_experiment():
     assert digest(to_plain(compose(["backbone=lenet_b"]))) == digest(to_plain(compose(["backbone.variant=B"])))
+
+
+def test_a_number_is_the_same_however_it_is_written():
+    written = [["inhibition=push_pull", f"inhibition.scale={scale}"] for scale in ("2", "2.0", "2e0")]
+    assert len({digest(validate(to_plain(compose(o))).model_dump(by_alias=True)) for o in written}) == 1

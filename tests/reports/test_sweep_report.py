@@ -1,7 +1,7 @@
 """A report of made-up runs whose statistics are known."""
 
 import csv
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_a_contrast_pairs_seeds_drops_diverged_pairs_and_says_so(sweep):
     (row,) = (r for r in contrasts(results) if (r.contrast, r.condition) == ("effect", "clean"))
     kept = [pair for pair in range(SEEDS) if pair not in (3, 8)]
     differences = [accuracy["b", p, "clean"] - accuracy["a", p, "clean"] for p in kept]
-    assert (row.paired.seeds, row.dropped) == (7, 1)
+    assert (row.paired.seeds, row.dropped) == (7, 2)
     assert row.paired.mean == pytest.approx(np.mean(differences))
     test = stats.ttest_rel(*([accuracy[arm, p, "clean"] for p in kept] for arm in "ba")).confidence_interval()
     assert (row.paired.low, row.paired.high) == pytest.approx((test.low, test.high))
@@ -96,7 +96,8 @@ def test_a_contrast_pairs_seeds_drops_diverged_pairs_and_says_so(sweep):
     floor = [accuracy["twin", p, "clean"] - accuracy["a", p, "clean"] for p in range(8) if p != 5]
     assert row.floor.spread == pytest.approx(np.std(floor, ddof=1))
     assert row.published == pytest.approx(9.0)
-    assert row.published_in_spreads == pytest.approx(9.0 / row.floor.spread)
+    reach = stats.t.ppf(0.975, 6) * np.std(floor, ddof=1) * np.sqrt(1 + 1 / 7)
+    assert row.single_pair_reach == pytest.approx(reach)
 
 
 def test_holm_is_over_the_family_of_a_contrast(sweep):
@@ -118,6 +119,30 @@ def test_the_written_report(sweep):
     assert float(rows[0]["mean"]) > 5
     assert paths["cells.tex"].read_text().startswith("\\begin{tabular}")
     assert {"contrast_effect.svg", "severity_net.png"} <= set(paths)
+
+
+def test_arms_tested_on_other_images_and_conditions_are_compared_by_what_they_share(sweep):
+    results, accuracy = sweep
+    cells = [
+        replace(cell, correct={"clean": cell.correct["clean"][:50]}) if cell.cell.arm == "b" and cell.correct else cell
+        for cell in results.cells
+    ]
+    results = replace(results, cells=cells)
+    assert results.conditions == ["clean"]
+    (row,) = (r for r in contrasts(results) if r.contrast == "effect")
+    assert row.paired.seeds == 7
+    write_report(results)
+
+
+def test_a_run_that_a_nan_stopped_is_a_dropped_pair(sweep):
+    results, _ = sweep
+    lost = [
+        replace(c, outcome="diverged", correct={}) if (c.cell.arm, c.cell.pair) == ("b", 0) else c
+        for c in results.cells
+    ]
+    (row,) = (r for r in contrasts(replace(results, cells=lost)) if (r.contrast, r.condition) == ("effect", "clean"))
+    assert (row.paired.seeds, row.dropped) == (6, 3)
+    assert row.exploratory
 
 
 def test_a_sweep_without_a_finished_run_cannot_be_reported(tmp_path):

@@ -53,6 +53,11 @@ def test_any_code_forgives_other_code_but_not_other_data(tmp_path):
     assert claim(tmp_path, replace(KEY, data="other"), "any_code").directory != first
 
 
+def test_an_unfinished_run_of_other_code_is_not_resumed_whatever_the_reuse(tmp_path):
+    first = begin(tmp_path, KEY)
+    assert claim(tmp_path, replace(KEY, code="other"), "any_code").directory != first
+
+
 def test_digests_that_share_eight_digits_do_not_share_a_directory(tmp_path):
     first = finish(tmp_path, KEY)
     twin = replace(KEY, digest="abcdef01ffffffff")

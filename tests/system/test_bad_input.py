@@ -29,6 +29,12 @@ MISTAKES = {
     "sweep without -m": (["sweep=demo"], "Run it with -m: python train.py -m sweep=demo"),
     "unknown sweep": (["-m", "sweep=dmeo"], "Did you mean sweep=demo?"),
     "wrong choice in a sweep": (["-m", "seed=0,1", "backbone=lenet_a,lenet_z"], "backbone=lenet_z: no such option"),
+    "several values without -m": (["seed=0,1"], "A sweep needs -m: python train.py -m seed=0,1"),
+    "range in a sweep": (["-m", "optimizer.lr=interval(0.1,0.2)"], "a sweep lists its values"),
+    "seed that is no number": (["-m", "seed=0,x"], "seeds must be different whole numbers"),
+    "same seed twice": (["-m", "seed=3,3"], "seeds must be different whole numbers"),
+    "no value for a factor": (["-m", "sweep=demo", "sweep.factors.backbone=[]"], "at least 1 item"),
+    "key that the arms set": (["-m", "sweep=demo", "inhibition=twin"], "inhibition is what the arms of this sweep"),
     "not an override": (["please train"], "'please train' is not a key=value override"),
 }
 
@@ -87,6 +93,7 @@ def test_light_paths_import_nothing_heavy(arguments, status, said, tmp_path):
         ("evaluate", [], "which run?"),
         ("evaluate", ["run=nothing"], "There are no runs here yet"),
         ("predict", ["run=nothing"], "input= is missing"),
+        ("report", ["sweep=demo", "tracking=maybe"], "There are no sweeps here yet"),
         ("report", [], "which sweep?"),
         ("report", ["sweep=nothing"], "There are no sweeps here yet"),
         ("report", ["swep=demo"], "Did you mean sweep=demo?"),

@@ -97,6 +97,14 @@ def test_a_failing_cell_is_recorded_and_the_rest_go_on(tmp_path, sweep):
     assert [bool(cell["message"]) for cell in plan["cells"]] == [False, False, True, True]
 
 
+def test_the_command_line_fixes_a_factor_and_the_seed(tmp_path, sweep):
+    fixed = ["backbone=lenet_c", "seed=5", "hydra/launcher=basic", "tracking=none", "trainer.max_epochs=1"]
+    sweep(tmp_path, "sweep=demo", *fixed)
+    cells = read_plan(find_sweep("demo", tmp_path)).cells
+    assert {cell.setting for cell in cells} == {"lenet_c"}
+    assert {cell.seed for cell in cells} == {5, 1005}
+
+
 def test_arms_shift_their_seeds(tmp_path, sweep):
     sweep(tmp_path, "sweep=demo", "sweep.seeds=1", "hydra/launcher=basic", "tracking=none", "sweep.name=tiny")
     cells = read_plan(find_sweep("tiny", tmp_path)).cells

@@ -14,7 +14,7 @@ from sextant.errors import UserError
 if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite
     from sextant.data.datamodule import ImageData
-    from sextant.tasks.classification import Classification
+    from sextant.tasks.classification import Classification, OptimizerFactory
 
 
 def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
@@ -59,14 +59,30 @@ def build_classification(
         num_classes=len(spec.classes),
     )
     suite: CorruptionSuite = build(raw, "corruption")
+    try:
+        network = build(raw, "inhibition")(network)
+    except ValueError as error:
+        raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+    optimizer = build(raw, "optimizer")
+    if training:
+        _try_optimizer(raw, optimizer)
     return Classification(
-        build(raw, "inhibition")(network),
+        network,
         spec,
         suite,
-        optimizer=build(raw, "optimizer") if training else None,
+        optimizer=optimizer if training else None,
         schedule=build(raw, "schedule") if training else None,
         log_every=log_every,
     )
+
+
+def _try_optimizer(raw: Mapping[str, Any], optimizer: "OptimizerFactory") -> None:
+    from torch import nn
+
+    try:
+        optimizer([nn.Parameter()])
+    except (TypeError, ValueError) as error:
+        raise UserError(f"optimizer: {raw['optimizer']['_target_']} does not take these keys: {error}") from None
 
 
 def build_data(source: ImageSource, config: Config) -> "ImageData":

@@ -92,6 +92,10 @@ def _explain(error: Exception, overrides: Sequence[str], name: str) -> UserError
                 f"{text!r} is not a key=value override",
                 "Write key=value without spaces; quote values with special characters: 'key=\"a, b\"'",
             )
+        if override.is_sweep_override():
+            return UserError(
+                f"{text} lists several values", f"A sweep needs -m: python train.py -m {' '.join(overrides)}"
+            )
         key, value = override.key_or_group, override.get_value_element_as_str() if override.value() is not None else ""
         if key.split("/")[0] == "hydra" or key.startswith("hydra."):
             continue

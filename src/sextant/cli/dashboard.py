@@ -27,7 +27,10 @@ def main(arguments: Sequence[str]) -> None:
     quiet_libraries()
     given = parse_arguments(arguments, KEYS, USAGE)
     outputs = Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
-    outputs.mkdir(parents=True, exist_ok=True)
+    try:
+        outputs.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"outputs={outputs} is not a folder that can be written to: {error.strerror}") from None
     port = _free_port(given.get("port", "5000"))
 
     from sextant.tracking.mirror import refill

@@ -16,7 +16,7 @@ from sextant.cli.show import show_result
 from sextant.config import Config, digest, nearest, validate
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, RunKey
-from sextant.runs.source_tree import source_tree_sha256
+from sextant.runs.source_tree import source_sha256
 from sextant.tracking.environment import quiet_libraries
 
 if TYPE_CHECKING:
@@ -40,16 +40,12 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.runs.checkpoint import KEY, load_checkpoint
 
     content = load_checkpoint(found.checkpoint)
-    trained = content[KEY]
-    if trained["task"] != "classification":
-        raise UserError(f"run={reference} is a {trained['task']} model; it cannot be evaluated as a classifier")
-    raw = merge(trained["config"], overrides)
-    config = validate(raw)
+    raw, config = checkpoint_config(content[KEY], overrides)
     source = build_source(raw, config)
     from sextant.cli.training import spec_of, test_checkpoint
 
     require_fit(spec_of(content), source)
-    key = _key(raw, config, source, found)
+    key = _key(config, source, found)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         open_mirror()
@@ -57,6 +53,26 @@ def main(arguments: Sequence[str]) -> None:
 
     outcome = run_once(key, raw, config, work)
     show_result(RunDirectory(outcome.directory), reused=outcome.reused)
+
+
+def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Config]:
+    """The config of a checkpoint with ``overrides``, plain and typed.
+
+    Raises:
+        UserError: the checkpoint is of another task, an override is wrong, or the checkpoint names an import path that
+            is not one of Sextant's: building it would run code that the file chose. ``trust=true`` allows it.
+    """
+    if trained["task"] != "classification":
+        raise UserError(f"this is a {trained['task']} model; it cannot be used as a classifier")
+    trust = "trust=true" in overrides
+    raw = merge(trained["config"], [override for override in overrides if override != "trust=true"])
+    config = validate(raw)
+    if config.custom_targets() and not trust:
+        raise UserError(
+            f"the checkpoint wants to build {', '.join(config.custom_targets())}, which Sextant does not know",
+            "If you know where the checkpoint comes from, add trust=true",
+        )
+    return raw, config
 
 
 def split_run(arguments: Sequence[str], usage: str) -> tuple[str, list[str]]:
@@ -90,14 +106,16 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
                 f"{text}: " + ("unknown key" if known else "this belongs to the trained weights and cannot change"),
                 f"Did you mean {known}?" if known else f"What may change: {', '.join(FREE)}",
             )
-    chosen = {o.key_or_group for o in parsed if o.key_or_group in groups()}
+    if any(override.is_delete() or override.is_sweep_override() for override in parsed):
+        raise UserError(f"{' '.join(overrides)}: give one value to each key", USAGE)
+    chosen = {o.key_or_group for o in parsed if o.key_or_group in groups()} | {"paths", "tracking"}
     composed = to_plain(
         compose([t for o, t in zip(parsed, overrides, strict=True) if o.key_or_group.split(".")[0] in chosen])
     )
-    merged = dict(trained) | {group: composed[group] for group in chosen} | {"paths": composed["paths"]}
-    merged |= {"tracking": composed["tracking"], "reuse": "exact", "init_from": None}
+    merged = dict(trained) | {group: composed[group] for group in chosen}
+    merged |= {"reuse": "exact", "init_from": None, "sweep": None}
     for override, text in zip(parsed, overrides, strict=True):
-        if override.key_or_group not in chosen and override.key_or_group.split(".")[0] not in chosen:
+        if override.key_or_group.split(".")[0] not in chosen:
             _set(merged, override.key_or_group, override.value(), text)
     return merged
 
@@ -138,9 +156,10 @@ def require_fit(spec: "ImageSpec", source: "ImageSource") -> None:
         console.print(f"[yellow]the classes of dataset={source.name} have other names than those of training[/]")
 
 
-def _key(raw: Mapping[str, Any], config: Config, source: "ImageSource", found: FoundRun) -> RunKey:
-    identity = digest({**raw, "checkpoint": found.identity})
-    return RunKey("evaluation", identity, config.seed, source_tree_sha256(), source.fingerprint())
+def _key(config: Config, source: "ImageSource", found: FoundRun) -> RunKey:
+    identity = digest({**config.model_dump(by_alias=True), "checkpoint": found.identity})
+    code = source_sha256(config.custom_targets())
+    return RunKey("evaluation", identity, config.seed, code, source.fingerprint())
 
 
 def _outputs(overrides: Sequence[str]) -> Path:

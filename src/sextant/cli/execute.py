@@ -3,7 +3,7 @@
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,10 +16,10 @@ from sextant.cli.resolve import resolve_run
 from sextant.config import Config, digest, validate
 from sextant.data.source import ImageSource
 from sextant.errors import LossNotFiniteError, UserError
-from sextant.runs.atomic import write_atomically
+from sextant.runs.atomic import write_atomically, write_json
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
-from sextant.runs.source_tree import source_tree_sha256
+from sextant.runs.source_tree import source_sha256
 
 if TYPE_CHECKING:
     from sextant.tracking.mirror import MirroredRun
@@ -47,17 +47,20 @@ class Outcome:
     message: str = ""
 
 
-def run_key(raw: Mapping[str, Any], config: Config, source: ImageSource) -> RunKey:
-    """Identity of the run that a config describes."""
-    return RunKey(config.task.name, run_digest(raw, config), config.seed, source_tree_sha256(), source.fingerprint())
+def run_key(config: Config, source: ImageSource, seed: int | None = None) -> RunKey:
+    """Identity of the run that a config describes, with another seed if one is given."""
+    code = source_sha256(config.custom_targets())
+    return RunKey(
+        config.task.name, run_digest(config), config.seed if seed is None else seed, code, source.fingerprint()
+    )
 
 
-def run_digest(raw: Mapping[str, Any], config: Config) -> str:
-    """Digest of a config; a run that it starts from enters by its own digest and seed, not by its name."""
-    if config.init_from is None:
-        return digest(raw)
-    part = resolve_run(config.init_from, Path(config.paths.outputs))
-    return digest({**raw, "init_from": part.identity})
+def run_digest(config: Config) -> str:
+    """Digest of a typed config, in which 2 and 2.0 are one number; weights it starts from enter by their hash."""
+    typed = config.model_dump(by_alias=True)
+    if config.init_from is not None:
+        typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs)).identity
+    return digest(typed)
 
 
 def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
@@ -73,7 +76,7 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
     """
     config = validate(raw)
     source = build_source(raw, config)
-    key = run_key(raw, config, source)
+    key = run_key(config, source)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         from sextant.cli.training import train_and_test
@@ -93,7 +96,8 @@ def run_once(key: RunKey, raw: Mapping[str, Any], config: Config, work: Work, *,
         found = claim(outputs, key, config.reuse)
         results = found.directory.results()
         if found.finished and results is not None:
-            return Outcome(results["outcome"], found.directory.path, reused=True)
+            message = str(results.get("message", ""))
+            return Outcome(results["outcome"], found.directory.path, reused=True, message=message)
         return _Run(found, key, raw, config).run(work)
 
 
@@ -122,6 +126,8 @@ class _Run:
     def _begin(self) -> None:
         path = self.directory.path
         path.mkdir(parents=True, exist_ok=True)
+        for leftover in path.rglob(".*.tmp"):  # of a process that was killed while it wrote
+            leftover.unlink(missing_ok=True)
         text = yaml.safe_dump(dict(self.raw), sort_keys=False)
         write_atomically(self.directory.config, lambda file: file.write(text.encode()))
         earlier = self.directory.state()
@@ -143,12 +149,13 @@ class _Run:
         if tracking.kind == "none":
             return None
         from sextant.tracking.mirror import open_mirror
-        from sextant.tracking.store import open_store
+        from sextant.tracking.store import open_store, telling_store_errors
 
-        store = open_store(tracking.kind, tracking.uri, Path(self.config.paths.outputs))
-        self.mirror = open_mirror(
-            store, self.directory, experiment=self._experiment, parent=tracking.parent_run, console=console
-        )
+        with telling_store_errors(tracking.uri):
+            store = open_store(tracking.kind, tracking.uri, Path(self.config.paths.outputs))
+            self.mirror = open_mirror(
+                store, self.directory, experiment=self._experiment, parent=tracking.parent_run, console=console
+            )
         return self.mirror
 
     @contextmanager
@@ -159,13 +166,23 @@ class _Run:
         except BaseException as error:
             interrupted = isinstance(error, KeyboardInterrupt | SystemExit)
             message = "interrupted" if interrupted else f"{type(error).__name__}: {error}"
-            if not interrupted and not isinstance(error, UserError):
-                (self.directory.path / "error.log").write_text(traceback.format_exc())
+            with suppress(OSError):  # a full disk must not hide what ended the run
+                if isinstance(error, LossNotFiniteError):
+                    self._keep_diverged(message)
+                elif not interrupted and not isinstance(error, UserError):
+                    (self.directory.path / "error.log").write_text(traceback.format_exc())
             self._end(message, "KILLED" if interrupted else "FAILED")
             if interrupted:
                 raise KeyboardInterrupt from None
             raise
         self._end(None, "FINISHED")
+
+    def _keep_diverged(self, message: str) -> None:
+        """A run that a nan stopped is finished: the same command would only meet the same nan."""
+        identity = {name: getattr(self.key, name) for name in ("digest", "seed", "code", "data")}
+        timing = {"fit_s": float("nan"), "test_s": float("nan")}
+        results = {"outcome": "diverged", "metrics": {}, "message": message, "parameters": 0, "timing": timing}
+        write_json(self.directory.metrics, results | identity)
 
     def _end(self, failure: str | None, status: Literal["FINISHED", "FAILED", "KILLED"]) -> None:
         try:

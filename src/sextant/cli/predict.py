@@ -11,7 +11,7 @@ import numpy as np
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.compose import default_outputs
 from sextant.cli.console import console
-from sextant.cli.evaluate import merge
+from sextant.cli.evaluate import checkpoint_config
 from sextant.cli.resolve import resolve_run
 from sextant.data.image_folder import SUFFIXES, decode_square
 from sextant.errors import UserError
@@ -23,6 +23,7 @@ KEYS = {
     "input": "an image, or a folder that is searched for images",
     "output": "folder for predictions.csv, predictions.json and predictions.png",
     "outputs": "output folder of runs, if not the default",
+    "trust": "true: build parts of the user's own that the checkpoint names",
 }
 BATCH = 256
 SHEET = 40
@@ -37,10 +38,13 @@ def main(arguments: Sequence[str]) -> None:
             raise UserError(f"{key}= is missing", USAGE)
     paths = find_images(Path(given["input"]).expanduser())
     output = Path(given["output"]).expanduser()
-    output.mkdir(parents=True, exist_ok=True)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
     outputs = Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
     found = resolve_run(given["run"], outputs)
-    rows, pictures = _classify(paths, found.checkpoint)
+    rows, pictures = _classify(paths, found.checkpoint, given.get("trust") == "true")
     _write(rows, output)
     _sheet(pictures, output)
     failed = sum("error" in row for row in rows)
@@ -64,7 +68,9 @@ def find_images(path: Path) -> list[Path]:
     return found
 
 
-def _classify(paths: list[Path], checkpoint: Path) -> tuple[list[dict[str, Any]], list[tuple[np.ndarray, str]]]:
+def _classify(
+    paths: list[Path], checkpoint: Path, trust: bool
+) -> tuple[list[dict[str, Any]], list[tuple[np.ndarray, str]]]:
     import torch
 
     from sextant.cli.training import model_from_checkpoint, spec_of
@@ -74,7 +80,8 @@ def _classify(paths: list[Path], checkpoint: Path) -> tuple[list[dict[str, Any]]
     spec = spec_of(content)
     if spec.height != spec.width:
         raise UserError(f"{checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to fit")
-    module = model_from_checkpoint(merge(content[KEY]["config"], []), checkpoint)
+    raw, _ = checkpoint_config(content[KEY], ["trust=true"] if trust else [])
+    module = model_from_checkpoint(raw, checkpoint)
     rows: list[dict[str, Any]] = []
     pictures: list[tuple[np.ndarray, str]] = []
     for batch in _batches(paths):

@@ -20,7 +20,7 @@ USAGE = "python report.py sweep=<name, directory or MLflow parent run>"
 KEYS = {
     "sweep": "the sweep",
     "outputs": "output folder, if not the default",
-    "tracking": "sqlite (default) also logs the report on the sweep's parent run, none does not",
+    "tracking": "none: do not log the report on the sweep's parent run",
 }
 
 
@@ -36,11 +36,16 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.reports.results import load_results
     from sextant.reports.sweep_report import write_report
 
+    outputs = directory.parents[1]
     results = load_results(directory, outputs)
     paths = write_report(results)
     _show(results)
     console.print("\n".join(str(path) for path in paths))
-    if given.get("tracking", "sqlite") != "none" and results.plan.mlflow_runs:
+    if given.get("tracking", "on") not in ("on", "none"):
+        raise UserError(
+            f"tracking={given['tracking']}: no such choice", "tracking=none keeps the report off the parent run"
+        )
+    if "tracking" not in given and results.plan.mlflow_runs:
         from sextant.tracking.sweep_parent import log_report
 
         log_report(outputs, results.plan, directory / "report")

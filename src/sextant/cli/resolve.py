@@ -22,11 +22,8 @@ class FoundRun:
 
     @property
     def identity(self) -> str:
-        """What it is, whatever it is called: digest and seed of its run, or the hash of a lone checkpoint."""
-        if self.directory is not None:
-            state = self.directory.state()
-            return f"run:{state.get('digest')}-s{state.get('seed')}/{self.checkpoint.name}"
-        return "file:" + hashlib.sha256(self.checkpoint.read_bytes()).hexdigest()
+        """What it is, whatever it is called: the hash of the checkpoint."""
+        return hashlib.sha256(self.checkpoint.read_bytes()).hexdigest()
 
 
 def resolve_run(reference: str, outputs: Path) -> FoundRun:
@@ -39,7 +36,7 @@ def resolve_run(reference: str, outputs: Path) -> FoundRun:
     if path.is_file():
         parent = RunDirectory(path.absolute().parent.parent)
         return FoundRun(path.absolute(), parent if parent.state() else None)
-    for candidate in (path, outputs / path, *outputs.glob(f"runs/*/{reference}")):
+    for candidate in (path, outputs / path, outputs / "runs" / path, *outputs.glob(f"runs/*/{reference}")):
         if candidate.is_dir() and RunDirectory(candidate).state():
             return _with_checkpoint(RunDirectory(candidate.absolute()), reference)
     for directory in all_runs(outputs):

@@ -41,6 +41,9 @@ def show_result(directory: RunDirectory, *, reused: bool) -> None:
         return
     if reused:
         console.print(f"[green]Already finished with this code and data:[/] {_shorter(directory.path)}")
+    if not results["metrics"]:
+        console.print(f"[red]This run diverged:[/] {escape(str(results.get('message', '')))}")
+        return
     table = Table(title="Result", title_justify="left", title_style="bold")
     table.add_column("metric")
     table.add_column("value", justify="right")

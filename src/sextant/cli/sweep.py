@@ -2,8 +2,9 @@
 
 import itertools
 import threading
+import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,17 +12,19 @@ from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sextant.cli.assemble import build_source
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.console import console
-from sextant.cli.execute import run_digest
+from sextant.cli.execute import run_key
 from sextant.cli.train import check_environment
 from sextant.config import Config, validate
 from sextant.errors import UserError
-from sextant.runs.directory import RunDirectory, RunKey, claim
-from sextant.runs.source_tree import source_tree_sha256
+from sextant.runs.directory import RunDirectory, claim
+from sextant.runs.locks import run_lock
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
 Launch = Callable[[Sequence[Sequence[str]]], list[Any]]
@@ -50,6 +53,11 @@ def run_sweep(arguments: Sequence[str], launch: Launch) -> None:
     """
     plan, planned, config = make_plan(arguments)
     outputs = Path(config.paths.outputs)
+    with run_lock(outputs / "sweeps", plan.directory(outputs).name, wait=False):
+        _run_planned(plan, planned, config, outputs, launch)
+
+
+def _run_planned(plan: SweepPlan, planned: list[Planned], config: Config, outputs: Path, launch: Launch) -> None:
     if (plan.directory(outputs) / "cells.json").exists():  # begun before: it keeps its parent run
         plan = replace(plan, mlflow_runs=read_plan(plan.directory(outputs)).mlflow_runs)
     directory = plan.write(outputs)
@@ -63,51 +71,81 @@ def run_sweep(arguments: Sequence[str], launch: Launch) -> None:
 def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Config]:
     """Expand the command line and the ``sweep`` config into cells, each composed, validated and looked up on disk."""
     parsed = OverridesParser.create().parse_overrides(list(arguments))
+    given = {o.key_or_group: _choices(o) for o in parsed}
+    swept = {o.key_or_group: given[o.key_or_group] for o in parsed if o.is_sweep_override()}
     fixed = [o.input_line for o in parsed if not o.is_sweep_override() and o.input_line is not None]
-    swept = {o.key_or_group: _choices(o) for o in parsed if o.is_sweep_override()}
     base = to_plain(compose([*fixed, *(f"{key}={choices[0]}" for key, choices in swept.items())]))
     definition: dict[str, Any] = base.get("sweep") or {"name": "sweep"}
     sweep = validate({**base, "sweep": definition}).sweep
     assert sweep is not None
 
-    seeds = [int(seed) for seed in swept.pop("seed", [])] or (
-        sweep.seed_list() if base.get("sweep") else [base["seed"]]
-    )
+    seeds = _seeds(swept.pop("seed", given.get("seed")), sweep.seed_list() if base.get("sweep") else [base["seed"]])
+    factors = {key: given.get(key, [str(v) for v in values]) for key, values in sweep.factors.items()} | swept
     arms = {name: (arm.overrides, arm.seed_offset) for name, arm in sweep.arms.items()}
-    factors = {key: [str(value) for value in values] for key, values in sweep.factors.items()} | swept
+    _refuse_arm_keys(given, arms)
     if not arms and factors:  # without arms in the config, the last swept key is what is compared
         compared = list(factors)[-1]
         arms = {value: ([f"{compared}={value}"], 0) for value in factors.pop(compared)}
-        definition |= {"arms": {name: {"overrides": given} for name, (given, _) in arms.items()}}
+        definition |= {"arms": {name: {"overrides": overrides} for name, (overrides, _) in arms.items()}}
     if not arms:
         arms = {"run": ([], 0)}
 
     planned: list[Planned] = []
-    cells: list[Cell] = []
     checked: Config | None = None
     for values in itertools.product(*factors.values()):
         setting = dict(zip(factors, values, strict=True))
-        for arm, (arm_overrides, offset) in arms.items():
-            common = [*fixed, *(f"{key}={value}" for key, value in setting.items()), *arm_overrides]
+        for arm, (overrides, offset) in arms.items():
+            common = [*fixed, *(f"{key}={value}" for key, value in setting.items()), *overrides]
             raw = to_plain(compose(common))
             config = validate(raw)
             if checked is None:
                 check_environment(raw, config)
                 checked = config
-            source, digest = build_source(raw, config), run_digest(raw, config)
+            source = build_source(raw, config)
             for pair, seed in enumerate(seeds):
-                key = RunKey(config.task.name, digest, seed + offset, source_tree_sha256(), source.fingerprint())
+                key = run_key(config, source, seed + offset)
                 found = claim(Path(config.paths.outputs), key, config.reuse)
                 run = found.directory.path.relative_to(Path(config.paths.outputs)).as_posix()
-                cell = Cell(setting, arm, pair, key.seed, digest, run)
-                cells.append(cell)
+                cell = Cell(setting, arm, pair, key.seed, key.digest, run)
                 planned.append(Planned(cell, [*common, f"seed={key.seed}"], found.finished))
     assert checked is not None
-    return SweepPlan(sweep.name, definition, list(arguments), cells), planned, checked
+    tracking = {"kind": checked.tracking.kind, "uri": checked.tracking.uri}
+    cells = [entry.cell for entry in planned]
+    return SweepPlan(sweep.name, definition, list(arguments), cells, [], tracking, time.time()), planned, checked
+
+
+def _seeds(given: list[str] | None, default: list[int]) -> list[int]:
+    if given is None:
+        return default
+    if not all(seed.isdigit() for seed in given) or len(set(given)) < len(given):
+        raise UserError(
+            f"seed={','.join(given)}: seeds must be different whole numbers from 0", "For example seed=0,1,2"
+        )
+    return [int(seed) for seed in given]
+
+
+def _refuse_arm_keys(given: Mapping[str, object], arms: Mapping[str, tuple[list[str], int]]) -> None:
+    """A key that the arms of a stored sweep set cannot be set on the command line too."""
+    for name, (overrides, _) in arms.items():
+        for override in overrides:
+            key = override.split("=")[0]
+            if key in given:
+                raise UserError(
+                    f"{key} is what the arms of this sweep compare (arm {name} sets {override})",
+                    f"Leave {key} out, or list the values in a sweep of your own: -m {key}=a,b",
+                )
 
 
 def _choices(override: Override) -> list[str]:
-    return [str(value) for value in override.sweep_string_iterator()]
+    """The values of an override, as text; one unless it sweeps."""
+    if not override.is_sweep_override():
+        return [override.get_value_element_as_str()] if override.value() is not None else ["null"]
+    try:
+        return [str(value) for value in override.sweep_string_iterator()]
+    except (HydraException, ValueError):
+        raise UserError(
+            f"{override.input_line}: a sweep lists its values", f"For example {override.key_or_group}=a,b,c"
+        ) from None
 
 
 def _run_missing(plan: SweepPlan, missing: list[Planned], config: Config, outputs: Path, launch: Launch) -> SweepPlan:
@@ -129,11 +167,15 @@ def _run_missing(plan: SweepPlan, missing: list[Planned], config: Config, output
         if parent is not None:
             parent.status("KILLED" if isinstance(error, KeyboardInterrupt | SystemExit) else "FAILED")
         raise
-    messages = {entry.cell.run: outcome["message"] for entry, outcome in zip(missing, outcomes, strict=True)}
-    plan = replace(plan, cells=[replace(c, message=messages.get(c.run, "")) for c in plan.cells])
+    failed = {
+        entry.cell.run: outcome["message"]
+        for entry, outcome in zip(missing, outcomes, strict=True)
+        if outcome["outcome"] == "failed"
+    }
+    plan = replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells])
     plan.write(outputs)
     if parent is not None:
-        parent.status("FAILED" if any(messages.values()) else "FINISHED")
+        parent.status("FAILED" if failed else "FINISHED")
     return plan
 
 
@@ -175,7 +217,7 @@ def _conclude(plan: SweepPlan, outputs: Path, directory: Path) -> None:
     console.print(f"[bold]{plan.name}[/]: {len(plan.cells)} planned, {counts}")
     for cell in plan.cells:
         if cell.message:
-            console.print(f"[red]failed[/] {cell.setting} {cell.arm} seed {cell.seed}: {cell.message}", markup=True)
+            console.print(f"[red]failed[/] {cell.setting} {cell.arm} seed {cell.seed}: {escape(cell.message)}")
     console.print(f"report  python report.py sweep={directory.name}")
     if outcomes["failed"]:
         raise SystemExit(1)

@@ -41,6 +41,7 @@ def train_and_test(
         The content of ``metrics.json``.
     """
     began = time.monotonic()
+    require_device(config)
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
     data = build_data(source, config)
@@ -49,9 +50,10 @@ def train_and_test(
     if config.init_from is not None:
         _load_weights(module, resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint)
     logger = RunLogger(directory, mirror)
-    callbacks = [_EpochSeed(config.seed), _Provenance(raw, spec, key), _every_epoch(directory)]
-    if config.task.test_checkpoint == "best":
+    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]
+    if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
         callbacks.append(_best_epoch(directory, module.monitor))
+    callbacks.append(_every_epoch(directory))
     if config.trainer.progress:
         callbacks.append(TrainingProgress())
     trainer = _trainer(config, directory, logger, callbacks)
@@ -78,12 +80,19 @@ def test_checkpoint(
     """Test the model in a checkpoint under the conditions of ``raw``, and write results as a training run does."""
     began = time.monotonic()
     torch.set_num_threads(config.trainer.threads)
+    require_device(config)
     module = model_from_checkpoint(raw, checkpoint)
     data = build_data(source, config)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
     metrics = dict(trainer.test(module, data, verbose=False)[0])
     results = {"outcome": "finished", "metrics": metrics} | _write_test(module, data, directory)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
+
+
+def require_device(config: Config) -> None:
+    """Raise a ``UserError`` if the config asks for a GPU that is not there."""
+    if config.trainer.accelerator == "gpu" and not torch.cuda.is_available():
+        raise UserError("trainer.accelerator=gpu: no CUDA device was found on this machine", "Use trainer=cpu")
 
 
 def model_from_checkpoint(raw: Mapping[str, Any], checkpoint: Path) -> Classification:
@@ -218,3 +227,15 @@ class _Provenance(Callback):
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
         checkpoint[KEY] = self.content
+
+    def on_load_checkpoint(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        """Let the record of the best checkpoint follow a moved run directory; Lightning would forget it."""
+        for callback in trainer.checkpoint_callbacks:
+            state = checkpoint["callbacks"].get(callback.state_key, {})
+            before, here = str(state.get("dirpath")), str(callback.dirpath)  # type: ignore[attr-defined]
+            for name in ("dirpath", "best_model_path", "last_model_path", "kth_best_model_path"):
+                state[name] = str(state.get(name, "")).replace(before, here)
+            scores = state.get("best_k_models", {})
+            state["best_k_models"] = {path.replace(before, here): score for path, score in scores.items()}

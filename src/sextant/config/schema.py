@@ -6,13 +6,13 @@ everywhere: its arguments are then checked against its signature when it is buil
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 
 class Node(BaseModel):
     """A config node: exact types, no unknown keys, immutable."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, populate_by_name=False)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class Part(Node):
@@ -37,6 +37,12 @@ def _choose_part(*known: type[Part]) -> Discriminator:
     return Discriminator(tag)
 
 
+def _distinct(values: list[float]) -> list[float]:
+    if len({f"{value:g}" for value in values}) < len(values):
+        raise ValueError(f"values must differ, got {values}")
+    return values
+
+
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -50,7 +56,7 @@ class Digits(Part):
     """scikit-learn's digit scans."""
 
     target: Literal["sextant.data.digits.Digits"] = Field(alias="_target_")
-    size: int = Field(ge=8, le=512, examples=[28])
+    size: int = Field(ge=12, le=512, examples=[28])
 
 
 class MNIST(Part):
@@ -80,7 +86,7 @@ class ImageFolder(Part):
 
     target: Literal["sextant.data.image_folder.ImageFolder"] = Field(alias="_target_")
     folder: str = Field(examples=["/path/to/images"])
-    size: int = Field(ge=8, le=1024, examples=[64])
+    size: int = Field(ge=12, le=1024, examples=[64])
     channels: Literal[1, 3]
     test_fraction: Share = Field(examples=[0.2])
 
@@ -102,7 +108,7 @@ class GaussianNoise(Part):
     """Additive Gaussian noise."""
 
     target: Literal["sextant.corruptions.GaussianNoise"] = Field(alias="_target_")
-    levels: list[NonNegative] = Field(min_length=1, examples=["[0.01,0.1]"])
+    levels: Annotated[list[NonNegative], AfterValidator(_distinct)] = Field(min_length=1, examples=["[0.01,0.1]"])
     clip: bool
 
 
@@ -110,7 +116,9 @@ class ContrastPoisson(Part):
     """Loss of contrast, then photon noise."""
 
     target: Literal["sextant.corruptions.ContrastPoisson"] = Field(alias="_target_")
-    levels: list[Annotated[float, Field(gt=0, le=1)]] = Field(min_length=1, examples=["[0.5,0.2]"])
+    levels: Annotated[list[Annotated[float, Field(gt=0, le=1)]], AfterValidator(_distinct)] = Field(
+        min_length=1, examples=["[0.5,0.2]"]
+    )
     peak: Positive = Field(examples=[256.0])
     clip: bool
 
@@ -244,7 +252,7 @@ class Trainer(Node):
 
     accelerator: Literal["cpu", "gpu"]
     devices: int = Field(ge=1, le=1, examples=[1])
-    precision: Literal["32-true", "64-true", "16-mixed", "bf16-mixed"]
+    precision: Literal["32-true", "16-mixed", "bf16-mixed"]
     deterministic: bool
     threads: int = Field(ge=1, le=256, examples=[1])
     max_epochs: Count = Field(examples=[12])
@@ -277,10 +285,9 @@ class Tracking(Node):
 
     @model_validator(mode="after")
     def _server_needs_an_address(self) -> Self:
-        legal = ("http://", "https://", "postgresql://", "mysql://", "mssql://")
-        if self.kind == "server" and not (self.uri or "").startswith(legal):
+        if self.kind == "server" and not (self.uri or "").startswith(("http://", "https://")):
             raise ValueError(
-                f"tracking.uri={self.uri} must start with one of {', '.join(legal)}; "
+                f"tracking.uri={self.uri} must start with http:// or https://; "
                 "for example tracking=server tracking.uri=http://127.0.0.1:5000"
             )
         if self.kind == "sqlite" and self.uri is not None:
@@ -328,13 +335,15 @@ class Contrast(Node):
 
 
 class Sweep(Node):
-    """A named ablation: factors x arms x seeds."""
+    """A named ablation: factors x arms x seeds. The digest leaves it out: it plans runs and changes none."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", examples=["my_sweep"])
     question: str = ""
-    factors: dict[str, list[str | int | float | bool]] = Field(default_factory=dict)
+    factors: dict[str, Annotated[list[str | int | float | bool], Field(min_length=1)]] = Field(default_factory=dict)
     arms: dict[str, Arm] = Field(default_factory=dict)
-    seeds: int | list[Seed] = Field(default=1, examples=[8])
+    seeds: Count | Annotated[list[Seed], Field(min_length=1), AfterValidator(_distinct)] = Field(
+        default=1, examples=[8]
+    )
     contrasts: dict[str, Contrast] = Field(default_factory=dict)
     noise_floor: str | None = None
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
@@ -372,3 +381,9 @@ class Config(Node):
     init_from: str | None
     reuse: Literal["exact", "any_code"]
     sweep: Sweep | None = None
+
+    def custom_targets(self) -> list[str]:
+        """Import paths in the config that Sextant has no schema for."""
+        parts: list[Part] = [self.dataset, self.backbone, self.inhibition, self.optimizer, self.schedule]
+        parts += self.corruption.corruptions.values()
+        return [part.target for part in parts if isinstance(part, CustomPart)]

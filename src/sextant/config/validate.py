@@ -41,8 +41,9 @@ def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
         return f"{key}: unknown key. {hint}"
     if problem["type"] == "missing":
         return f"{key} is missing. {_example(key, field)}".rstrip()
-    if problem["type"] == "value_error":  # a rule across keys; its text names them
-        return str(problem["ctx"]["error"])
+    if problem["type"] == "value_error":
+        said = str(problem["ctx"]["error"])
+        return said if isinstance(value, Mapping | BaseModel) else f"{key}: {said}"  # a rule across keys names them
     message = problem["msg"].removeprefix("Input ").replace("should be", "must be")
     return f"{key}={_shown(value)}: {message}. {_example(key, field)}".rstrip()
 

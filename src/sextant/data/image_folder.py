@@ -132,4 +132,8 @@ def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *
 
 
 def _images(folder: Path) -> list[Path]:
-    return [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES] if folder.is_dir() else []
+    return (
+        [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
+        if folder.is_dir()
+        else []
+    )

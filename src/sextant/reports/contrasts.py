@@ -1,11 +1,13 @@
 """Paired contrasts between the arms of a sweep."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
-from sextant.evaluation import PairedDifference, holm, paired_difference
+from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference, holm, paired_difference
 from sextant.reports.results import CellResult, SweepResults
 
 Sides = Mapping[str, str]
@@ -18,9 +20,11 @@ class ContrastRow:
 
     Attributes:
         paired: over the pairs in which both runs converged; None without such a pair.
-        dropped: pairs left out because a run diverged; failed and missing runs are counted in the report's head.
-        everything: mean difference over all pairs that finished, diverged runs included.
-        p_holm: Wilcoxon's p, corrected for all settings and conditions of this contrast.
+        dropped: planned pairs left out because a run diverged, failed or is missing.
+        everything: mean difference over all pairs that were tested, diverged runs included; a run that a nan stopped
+            was not tested.
+        p_holm: Wilcoxon's p, corrected for all conditions of this contrast in this setting. Over all settings too, ten
+            seeds and forty tests could not get below 0.078, whatever the effect.
         floor: the same difference between the noise-floor arms: what the choice of seeds alone does.
         published: the published single-run difference, nan if there is none.
     """
@@ -36,27 +40,33 @@ class ContrastRow:
     published: float
 
     @property
-    def published_in_spreads(self) -> float:
-        """The published difference in standard deviations of what two runs of the *same* network differ by."""
-        if self.floor is None or not self.floor.spread > 0:
+    def single_pair_reach(self) -> float:
+        """Half the range in which one more pair of runs of the *same* network falls 95 times in 100.
+
+        A prediction interval around zero: ``t_{n-1} · s · sqrt(1 + 1/n)``, with s the spread of the n floor pairs.
+        """
+        if self.floor is None or self.floor.seeds < 2:
             return float("nan")
-        return abs(self.published) / self.floor.spread
+        n = self.floor.seeds
+        return float(stats.t.ppf(0.975, n - 1) * self.floor.spread * math.sqrt(1 + 1 / n))
+
+    @property
+    def exploratory(self) -> bool:
+        """Whether fewer pairs converged than a claim needs."""
+        return self.paired is None or self.paired.seeds < SEEDS_FOR_A_CLAIM
 
 
 def contrasts(results: SweepResults) -> list[ContrastRow]:
-    """Every contrast of the sweep, Holm-corrected within each."""
+    """Every contrast of the sweep; Holm's family is the conditions of one contrast in one setting."""
     definition = results.plan.definition
     named = definition.get("contrasts") or _against_first(results.arms)
     floor_sides = named.get(str(definition.get("noise_floor")))
     rows: list[ContrastRow] = []
     for name, sides in named.items():
-        found = [
-            _row(results, name, sides, floor_sides, setting, condition)
-            for setting in results.settings
-            for condition in results.conditions
-        ]
-        adjusted = holm([float("nan") if row.paired is None else row.paired.p_value for row in found])
-        rows += [replace(row, p_holm=p) for row, p in zip(found, adjusted, strict=True)]
+        for setting in results.settings:
+            found = [_row(results, name, sides, floor_sides, setting, c) for c in results.conditions]
+            adjusted = holm([float("nan") if row.paired is None else row.paired.p_value for row in found])
+            rows += [replace(row, p_holm=p) for row, p in zip(found, adjusted, strict=True)]
     return rows
 
 
@@ -71,7 +81,7 @@ def _row(
         setting=setting,
         condition=condition,
         paired=_difference(pairs, condition, method),
-        dropped=sum(not _converged(pair) for pair in pairs),
+        dropped=len(results.of(setting, sides["treatment"])) - sum(_converged(pair) for pair in pairs),
         everything=_mean_of_all(pairs, condition),
         p_holm=float("nan"),
         floor=None if floor_sides is None else _difference(_pairs(results, setting, floor_sides), condition, method),
@@ -97,9 +107,10 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
     kept = [pair for pair in pairs if _converged(pair)]
     if not kept:
         return None
-    treatment, control = (
-        np.stack([100.0 * side.correct[condition] for side in arm]) for arm in zip(*kept, strict=True)
-    )
+    arms = [[100.0 * side.correct[condition] for side in arm] for arm in zip(*kept, strict=True)]
+    if len({images.shape for arm in arms for images in arm}) > 1:  # other datasets have other images
+        arms = [[images.mean() for images in arm] for arm in arms]
+    treatment, control = (np.stack(arm) for arm in arms)
     return paired_difference(treatment, control, method="bootstrap" if method == "bootstrap" else "t")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray
 
-from sextant.errors import LossNotFiniteError, UserError
+from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
@@ -44,8 +44,9 @@ class SweepResults:
 
     @property
     def conditions(self) -> list[str]:
-        """Condition keys, in the order of the test."""
-        return next((list(cell.correct) for cell in self.cells if cell.correct), [])
+        """Keys of the conditions that every tested run shares, in the order of the test."""
+        tested = [cell.correct for cell in self.cells if cell.correct]
+        return [key for key in tested[0] if all(key in correct for correct in tested)] if tested else []
 
     @property
     def settings(self) -> list[str]:
@@ -84,9 +85,9 @@ def _load(cell: Cell, run: RunDirectory) -> CellResult:
     results = run.results()
     if results is None:
         failure = cell.message or run.state().get("failure")
-        lost = str(failure).startswith(LossNotFiniteError.__name__)
-        known: Outcome = "diverged" if lost else "failed" if failure and failure != "interrupted" else "missing"
-        return CellResult(cell, known, {})
+        return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
+    if not run.arrays.exists():  # stopped by a nan, and kept as what it is
+        return CellResult(cell, results["outcome"], {})
     try:
         with np.load(run.arrays, allow_pickle=False) as arrays:
             labels = arrays["labels"]

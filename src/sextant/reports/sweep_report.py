@@ -1,12 +1,15 @@
 """The report of a sweep: tables, contrasts, figures, and what they can support."""
 
+import re
+import shlex
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from sextant.evaluation import SEEDS_FOR_A_CLAIM
+from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.severity_curves import severity_curves
 from sextant.figures.style import save_figure
@@ -65,7 +68,7 @@ def contrast_table(rows: list[ContrastRow], name: str) -> TextTable:
         "95 % over seeds",
         "95 % over seeds and images",
         "noise floor",
-        "one-run spread",
+        "spread of one pair",
         "pairs",
         "dropped",
         "wins",
@@ -87,7 +90,7 @@ def contrast_table(rows: list[ContrastRow], name: str) -> TextTable:
                 if floor is None
                 else f"{number(floor.mean, sign=True)} {interval(floor.low, floor.high, sign=True)}",
                 "–" if floor is None else number(floor.spread),
-                "0" if paired is None else str(paired.seeds),
+                f"{0 if paired is None else paired.seeds}{'†' if row.exploratory else ''}",
                 str(row.dropped),
                 "–" if paired is None else f"{paired.wins}/{paired.seeds}",
                 number(row.p_holm, 3),
@@ -109,16 +112,13 @@ def figures(results: SweepResults, summaries: list[Summary], rows: list[Contrast
             for s in of_setting:
                 accuracy[s.arm][s.condition] = s.mean / 100
                 bands[s.arm][s.condition] = (s.low / 100, s.high / 100)
-            name = "severity_" + setting.replace(", ", "_").replace("/", "_")
-            made.append((name, severity_curves(levels, accuracy, bands)))
+            made.append((f"severity_{slug(setting)}", severity_curves(levels, accuracy, bands)))
     for contrast in _names(rows):
         panels = [
             (setting, [_forest_row(row) for row in rows if row.contrast == contrast and row.setting == setting])
             for setting in results.settings
         ]
-        made.append(
-            (f"contrast_{contrast.replace(' ', '')}", contrast_forest(panels, "difference in accuracy (points)"))
-        )
+        made.append((f"contrast_{slug(contrast)}", contrast_forest(panels, "difference in accuracy (points)")))
     return made
 
 
@@ -136,7 +136,7 @@ def _markdown(
     parts = [
         f"# {plan.name}\n",
         f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
-        f"`python train.py -m {' '.join(plan.command)}`, then `python report.py sweep={results.directory.name}`\n",
+        f"`python train.py -m {shlex.join(plan.command)}`, then `python report.py sweep={results.directory.name}`\n",
         f"{len(results.cells)} runs planned: {counts}. {seeds} seeds a cell.{exploratory}\n",
         "A run has *diverged* if its validation accuracy after training is nearer to chance than to 1; the rule looks "
         "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "
@@ -149,10 +149,20 @@ def _markdown(
     for name, table in compared.items():
         sides = plan.definition.get("contrasts", {}).get(name)
         title = f"{name}: {sides['treatment']} minus {sides['control']}" if sides else name
-        parts += [f"## {title}\n", "Points of accuracy, paired by seed, on the same test images.\n", table.markdown()]
+        parts += [f"## {title}\n", _legend(rows), table.markdown()]
     if any(row.published == row.published for row in rows):
         parts += ["## What the published single runs can support\n", _published_verdict(rows)]
     return "\n".join(part for part in parts if part)
+
+
+def _legend(rows: list[ContrastRow]) -> str:
+    return (
+        "Points of accuracy, paired by seed, on the same test images. The noise floor is the mean difference that "
+        "seeds alone make, with its interval, and the spread of one such pair. Holm's family is the conditions of one "
+        "setting. *Dropped* pairs have a run that diverged, failed or is missing."
+        + (f" † fewer than {SEEDS_FOR_A_CLAIM} pairs: exploratory." if any(row.exploratory for row in rows) else "")
+        + "\n"
+    )
 
 
 def _beside_published(summaries: list[Summary], results: SweepResults) -> str:
@@ -172,46 +182,67 @@ def _beside_published(summaries: list[Summary], results: SweepResults) -> str:
 
 def _published_verdict(rows: list[ContrastRow]) -> str:
     """How many published differences exceed what two runs of one network differ by, and how many have our sign."""
-    known = [row for row in rows if row.published_in_spreads == row.published_in_spreads]
+    known = [row for row in rows if row.published == row.published and row.single_pair_reach == row.single_pair_reach]
     if not known:
         return "The sweep has no noise floor to compare the published figures with.\n"
     table = TextTable(
-        ["setting", "condition", "published", "spread of one pair, seeds alone", "ratio", "our interval", "reading"],
+        [
+            "setting",
+            "condition",
+            "published",
+            "reach of one pair, seeds alone",
+            "beyond it",
+            "our difference",
+            "reading",
+        ],
         [
             [
                 row.setting,
                 row.condition,
                 number(row.published, sign=True),
-                number(row.floor.spread if row.floor else float("nan")),
-                number(row.published_in_spreads, 1),
-                "–" if row.paired is None else interval(row.paired.low, row.paired.high, sign=True),
+                f"± {number(row.single_pair_reach)}",
+                "yes" if abs(row.published) > row.single_pair_reach else "no",
+                _with_interval(row.paired),
                 _reading(row),
             ]
             for row in known
         ],
     )
-    above = sum(row.published_in_spreads > 1.96 for row in known)
-    confirmed = sum(_reading(row) == "same sign" for row in known)
-    opposite = sum(_reading(row) == "opposite sign" for row in known)
+    beyond = sum(abs(row.published) > row.single_pair_reach for row in known)
+    readings = Counter(_reading(row) for row in known)
     return (
-        f"Of {len(known)} published differences, each of one run against one run, {above} exceed 1.96 times the spread "
-        f"that two runs of the *same* convolution show here when only their seeds differ; a single pair cannot tell "
-        f"the other {len(known) - above} from chance. Over our seeds, {confirmed} have the published sign with an "
-        f"interval that excludes zero, {opposite} the opposite sign with such an interval, and the rest are undecided."
-        "\n\n" + table.markdown()
+        f"Two runs of the *same* convolution that differ in their seeds alone stay within the reach given below 95 "
+        f"times in 100. Of {len(known)} published differences, each of one run against one run, {beyond} lie beyond it; "
+        f"a single pair cannot tell the other {len(known) - beyond} from chance. Over our seeds, by Holm-corrected "
+        f"Wilcoxon tests at 0.05: {readings['same sign']} have the published sign, {readings['opposite sign']} the "
+        f"opposite, {readings['undecided']} are undecided, {readings['too few pairs']} rest on fewer than "
+        f"{SEEDS_FOR_A_CLAIM} pairs.\n\n" + table.markdown()
     )
 
 
 def _reading(row: ContrastRow) -> str:
-    if row.paired is None or row.paired.low != row.paired.low or row.paired.low <= 0 <= row.paired.high:
+    if row.paired is None or row.exploratory:
+        return "too few pairs"
+    if not row.p_holm < 0.05:
         return "undecided"
     return "same sign" if row.paired.mean * row.published > 0 else "opposite sign"
 
 
+def _with_interval(difference: PairedDifference | None) -> str:
+    if difference is None:
+        return "–"
+    return f"{number(difference.mean, sign=True)} {interval(difference.low, difference.high, sign=True)}"
+
+
+def slug(name: str) -> str:
+    """A name as part of a file name."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", name.replace(" ", ""))
+
+
 def _forest_row(row: ContrastRow) -> ForestRow:
     nan = float("nan")
-    paired, floor = row.paired, row.floor
-    reach = 1.96 * floor.spread if floor is not None else nan
+    paired = row.paired
+    reach = row.single_pair_reach
     return ForestRow(
         row.condition.replace("_", " "),
         paired.mean if paired else nan,

@@ -113,8 +113,8 @@ class Claim:
 def claim(outputs: Path, key: RunKey, reuse: Reuse = "exact") -> Claim:
     """Find the directory of a run: a finished one to return, a begun one to resume, or a new one.
 
-    A directory is taken if it was computed with the same data and the same code; ``reuse="any_code"`` forgives other
-    code. Otherwise the run goes into ``<name>-2``, ``<name>-3``, ..., and nothing is overwritten.
+    A directory is taken if it was computed with the same data and the same code; ``reuse="any_code"`` forgives a
+    finished run its other code. Otherwise the run goes into ``<name>-2``, ``<name>-3``, ...; nothing is overwritten.
     """
     passed_over: list[str] = []
     for path in _candidates(outputs / "runs" / key.task / key.name):
@@ -123,7 +123,7 @@ def claim(outputs: Path, key: RunKey, reuse: Reuse = "exact") -> Claim:
         if not state and not finished:  # new, or killed before it wrote anything
             return Claim(directory, False, tuple(passed_over))
         changed = [name for name in ("digest", "data", "code") if state.get(name) != getattr(key, name)]
-        if not changed or (changed == ["code"] and reuse == "any_code"):
+        if not changed or (finished and changed == ["code"] and reuse == "any_code"):
             return Claim(directory, finished, tuple(passed_over))
         passed_over.append(f"{path.name}: {' and '.join(changed)} changed")
     raise AssertionError("unreachable: candidates never end")

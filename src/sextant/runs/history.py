@@ -4,6 +4,8 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from sextant.runs.atomic import write_atomically
+
 
 class History:
     """Appends metrics to a file, each (step, name) once.
@@ -17,7 +19,8 @@ class History:
         self._seen: set[tuple[int, str]] = set()
         lines = list(read_history(path))
         if path.exists():
-            path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+            text = "".join(json.dumps(line) + "\n" for line in lines)
+            write_atomically(path, lambda file: file.write(text.encode()))
         for line in lines:
             self._seen.update((line["step"], name) for name in line["metrics"])
 

@@ -11,6 +11,10 @@ from filelock import FileLock, Timeout
 from sextant.errors import UserError
 
 
+class LockedError(UserError):
+    """Another process holds the lock of a run."""
+
+
 @contextmanager
 def run_lock(folder: Path, name: str, wait: bool) -> Iterator[None]:
     """Hold the lock of the runs called ``name``; the system frees it when the process ends, however it ends.
@@ -21,7 +25,7 @@ def run_lock(folder: Path, name: str, wait: bool) -> Iterator[None]:
         wait: wait for another process, as sweeps do, rather than give up.
 
     Raises:
-        UserError: another process holds the lock and ``wait`` is false; names it.
+        LockedError: another process holds the lock and ``wait`` is false; names it.
     """
     locks = folder / ".locks"
     locks.mkdir(parents=True, exist_ok=True)
@@ -31,7 +35,7 @@ def run_lock(folder: Path, name: str, wait: bool) -> Iterator[None]:
         lock.acquire(timeout=-1 if wait else 0)
     except Timeout:
         who = owner.read_text() if owner.is_file() else "another process"
-        raise UserError(
+        raise LockedError(
             f"{folder.name}/{name} is being run by {who}", "Wait for it, or end it; the run can be resumed then."
         ) from None
     try:

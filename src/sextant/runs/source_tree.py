@@ -1,17 +1,53 @@
-"""Hash of the package's source: results carry it, so that a change of code is seen."""
+"""Hash of the source that computes results: they carry it, so that a change of code is seen."""
 
 import hashlib
+from collections.abc import Iterable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import sextant
 
+#: Parts of the package that show or keep results and compute none.
+NOT_COMPUTING = (
+    "reports/",
+    "figures/",
+    "tracking/",
+    "cli/report",
+    "cli/dashboard",
+    "cli/runs",
+    "cli/show",
+    "cli/progress",
+)
+
+
+def source_sha256(targets: Iterable[str] = ()) -> str:
+    """SHA-256 over the package's computing source, and the modules of import paths that lie outside it.
+
+    Args:
+        targets: the ``_target_`` paths of a config; those of torch and of Sextant itself add nothing.
+    """
+    own = [target for target in sorted(set(targets)) if target.split(".")[0] not in ("sextant", "torch")]
+    tree = hashlib.sha256(_package().encode())
+    for target in own:
+        tree.update(target.encode() + b"\0" + _module_source(target.rpartition(".")[0]))
+    return tree.hexdigest() if own else _package()
+
 
 @cache
-def source_tree_sha256() -> str:
-    """SHA-256 over the names and contents of all Python files of the package, as they were when first asked for."""
+def _package() -> str:
     root = Path(sextant.__file__).parent
     tree = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
-        tree.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+        name = path.relative_to(root).as_posix()
+        if not name.startswith(NOT_COMPUTING):
+            tree.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
     return tree.hexdigest()
+
+
+def _module_source(name: str) -> bytes:
+    try:
+        spec = find_spec(name)
+    except (ImportError, ValueError):
+        return b""
+    return Path(spec.origin).read_bytes() if spec is not None and spec.origin is not None else b""

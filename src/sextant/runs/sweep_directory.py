@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,8 @@ class SweepPlan:
         command: the overrides it was called with.
         cells: every planned run.
         mlflow_runs: the parent runs that mirror or mirrored it, the newest last.
+        tracking: kind and address of the store they are in.
+        started: when it was last run, in seconds since 1970.
     """
 
     name: str
@@ -55,6 +57,8 @@ class SweepPlan:
     command: list[str]
     cells: list[Cell]
     mlflow_runs: list[str] = field(default_factory=list)
+    tracking: dict[str, str | None] = field(default_factory=dict)
+    started: float = 0.0
 
     @property
     def digest(self) -> str:
@@ -96,11 +100,11 @@ def find_sweep(reference: str, outputs: Path) -> Path:
     path = Path(reference).expanduser()
     if (path / "cells.json").is_file():
         return path.absolute()
-    directories = sorted(outputs.glob("sweeps/*/cells.json"), key=lambda file: file.stat().st_mtime, reverse=True)
-    for file in directories:
-        if file.parent.name == reference:
-            return file.parent
-    plans: Sequence[tuple[Path, SweepPlan]] = [(file.parent, read_plan(file.parent)) for file in directories]
+    directories = [file.parent for file in outputs.glob("sweeps/*/cells.json")]
+    for directory in directories:
+        if directory.name == reference:
+            return directory
+    plans = sorted(((d, read_plan(d)) for d in directories), key=lambda found: found[1].started, reverse=True)
     for directory, plan in plans:
         if reference == plan.name or reference in plan.mlflow_runs:
             return directory

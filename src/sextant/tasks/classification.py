@@ -109,7 +109,7 @@ class Classification(pl.LightningModule):
         correct, loss, count = torch.stack(self._validation).sum(0)
         self._validation = []
         metrics = {"val/accuracy": correct / count, "val/loss": loss / count}
-        self.log_dict(metrics, sync_dist=True)
+        self.log_dict(metrics)
 
     def test_step(self, batch: Batch, batch_idx: int) -> None:
         """Predict a batch under every condition."""

@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from filelock import FileLock, Timeout
 from rich.console import Console
 
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.history import read_history
+from sextant.runs.locks import LockedError, run_lock
 from sextant.tracking.store import Store
 
 Status = Literal["RUNNING", "FINISHED", "FAILED", "KILLED"]
@@ -68,13 +68,22 @@ class MirroredRun:
         entries = [RunTag(name, value[:5000]) for name, value in tags.items()]
         self._try(lambda: self.store.client.log_batch(self.run_id, tags=entries))
 
-    def status(self, status: Status) -> None:
-        """Send what was noted and set the run's status."""
+    def params(self, params: Mapping[str, Any]) -> None:
+        """Log parameters; those that the run has already stay as they are."""
+        from mlflow.entities import Param
+
+        entries = [Param(name, str(value)[:6000]) for name, value in params.items()]
+        for start in range(0, len(entries), 100):
+            self._try(partial(self.store.client.log_batch, self.run_id, params=entries[start : start + 100]))
+
+    def status(self, status: Status, ended: float | None = None) -> None:
+        """Send what was noted and set the run's status; ``ended`` is when it ended, in seconds since 1970."""
         self.flush()
         if status == "RUNNING":
             self._try(lambda: self.store.client.update_run(self.run_id, status=status))
         else:
-            self._try(lambda: self.store.client.set_terminated(self.run_id, status=status))
+            end_time = None if ended is None else int(1000 * ended)
+            self._try(lambda: self.store.client.set_terminated(self.run_id, status=status, end_time=end_time))
 
     def _try(self, call: Callable[[], object]) -> None:
         if self._broken:
@@ -97,26 +106,26 @@ def open_mirror(
 
     A run that crashed between the making of its MLflow run and the note of it is found by its tag.
     """
-    experiment_id = store.experiment_id(experiment)
     state, name = directory.state(), directory.path.name
     key = f"{directory.path.parent.name}/{name}"
+    experiment_id = store.experiment_id(experiment)
     run_id = known_run(store, directory.tracking_ids())
     if run_id is None:
         found = store.client.search_runs([experiment_id], f"tags.`sextant.run` = '{key}'", max_results=1)
         run_id = found[0].info.run_id if found else None
     if run_id is None:
         tags = {"mlflow.runName": name, "sextant.run": key, **_provenance_tags(state)}
-        if parent is not None:
-            tags[PARENT] = parent
         started = int(1000 * state.get("started", time.time()))
         run_id = store.client.create_run(experiment_id, start_time=started, tags=tags, run_name=name).info.run_id
-        _log_params(store, run_id, state.get("params", {}))
     if run_id not in directory.tracking_ids():
         directory.update_state({"mlflow_runs": [*directory.tracking_ids(), run_id]})
     mirror = MirroredRun(store, run_id, console)
-    mirror.status("RUNNING")
+    mirror.params(state.get("params", {}))
     if parent is not None:
         mirror.tags({PARENT: parent})
+    for line in read_history(directory.history):  # the store keeps one copy of a point that it gets again
+        mirror.log(line["metrics"], line["step"], line["time_ms"])
+    mirror.status("RUNNING")
     return mirror
 
 
@@ -136,54 +145,47 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status, 
         mirror.artifacts(path)
     if checkpoint:
         mirror.artifacts(directory.checkpoints)
-    mirror.status(status)
+    mirror.status(status, directory.state().get("ended"))
 
 
 def refill(store: Store, outputs: Path, *, progress: Callable[[str], None] = lambda _: None) -> int:
     """Bring a store up to date with the run directories: missing runs are made again, dead ones marked KILLED.
 
+    Runs that another process is at work on are left to it.
+
     Returns:
         How many runs were made or mended.
     """
     changed = 0
-    alive = {_lock_key(lock) for lock in outputs.glob("runs/*/.locks/*.lock") if _is_locked(lock)}
     for directory in all_runs(outputs):
         state = directory.state()
-        task, name = directory.path.parent.name, directory.path.name
-        if any(f"{task}/{name}".startswith(run) for run in alive):
+        base = f"{str(state.get('digest'))[:8]}-s{state.get('seed')}"
+        try:
+            with run_lock(directory.path.parent, base, wait=False):
+                changed += _refill_one(store, directory, progress)
+        except LockedError:
             continue
-        status = _status(directory)
-        known = known_run(store, directory.tracking_ids())
-        if known is not None and store.client.get_run(known).info.status == status:
-            continue
-        progress(f"{task}/{name}")
-        mirror = open_mirror(store, directory, experiment=str(state.get("experiment", task)))
-        if known is None:
-            for line in read_history(directory.history):
-                mirror.log(line["metrics"], line["step"], line["time_ms"])
-        finish_mirror(mirror, directory, status, checkpoint=False)
-        changed += 1
     return changed
 
 
+def _refill_one(store: Store, directory: RunDirectory, progress: Callable[[str], None]) -> bool:
+    state, status = directory.state(), _status(directory)
+    known = known_run(store, directory.tracking_ids())
+    if known is not None:
+        whole = bool(store.client.list_artifacts(known))
+        if whole and store.client.get_run(known).info.status == status:
+            return False
+    progress(f"{directory.path.parent.name}/{directory.path.name}")
+    mirror = open_mirror(store, directory, experiment=str(state.get("experiment", directory.path.parent.name)))
+    finish_mirror(mirror, directory, status, checkpoint=False)
+    return True
+
+
 def _status(directory: RunDirectory) -> Status:
-    if directory.results() is not None:
-        return "FINISHED"
-    return "FAILED" if directory.state().get("failure") not in (None, "interrupted") else "KILLED"
-
-
-def _lock_key(lock: Path) -> str:
-    return f"{lock.parent.parent.name}/{lock.stem}"
-
-
-def _is_locked(path: Path) -> bool:
-    lock = FileLock(path)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        return True
-    lock.release()
-    return False
+    failure = directory.state().get("failure")
+    if failure not in (None, "interrupted"):
+        return "FAILED"
+    return "FINISHED" if directory.results() is not None else "KILLED"
 
 
 def known_run(store: Store, run_ids: list[str]) -> str | None:
@@ -198,14 +200,6 @@ def known_run(store: Store, run_ids: list[str]) -> str | None:
         if run.info.lifecycle_stage == "active":
             return run_id
     return None
-
-
-def _log_params(store: Store, run_id: str, params: Mapping[str, Any]) -> None:
-    from mlflow.entities import Param
-
-    entries = [Param(name, str(value)[:6000]) for name, value in params.items()]
-    for start in range(0, len(entries), 100):
-        store.client.log_batch(run_id, params=entries[start : start + 100])
 
 
 def _provenance_tags(state: Mapping[str, Any]) -> dict[str, str]:

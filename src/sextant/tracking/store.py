@@ -3,8 +3,8 @@
 import sqlite3
 import urllib.error
 import urllib.request
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -91,6 +91,21 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
     return Store(client, uri, artifacts)
 
 
+@contextmanager
+def telling_store_errors(uri: str | None) -> Iterator[None]:
+    """Turn what MLflow raises while a store is opened into a ``UserError``."""
+    from mlflow.exceptions import MlflowException
+
+    try:
+        yield
+    except (MlflowException, OSError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UserError(
+            f"tracking.uri={uri}: the tracking store cannot be used: {reason}",
+            "Correct the address, or log to the embedded store: tracking=sqlite",
+        ) from None
+
+
 def delete_runs(outputs: Path, run_ids: Sequence[str]) -> None:
     """Delete runs from the embedded store of an output folder; ids that it does not have are passed over."""
     from mlflow.exceptions import MlflowException
@@ -102,13 +117,11 @@ def delete_runs(outputs: Path, run_ids: Sequence[str]) -> None:
 
 
 def require_server(uri: str, timeout_s: float = 3.0) -> None:
-    """Ask an MLflow server whether it is there; addresses of databases are not asked.
+    """Ask an MLflow server whether it is there.
 
     Raises:
         UserError: it does not answer within ``timeout_s``.
     """
-    if not uri.startswith(("http://", "https://")):
-        return
     try:
         urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=timeout_s).close()
     except urllib.error.HTTPError:
@@ -135,9 +148,9 @@ def _write_ahead_and_follow(database: Path, artifacts: Path) -> None:
     connection = sqlite3.connect(database, timeout=20)
     try:
         connection.execute("PRAGMA journal_mode=WAL")
-        rows = connection.execute("SELECT experiment_id, name, artifact_location FROM experiments").fetchall()
-        for identifier, name, location in rows:
-            here = (artifacts / name).as_uri()
+        rows = connection.execute("SELECT experiment_id, artifact_location FROM experiments").fetchall()
+        for identifier, location in rows:
+            here = f"{artifacts.as_uri()}/{location.rstrip('/').rsplit('/', 1)[-1]}"
             if location == here:
                 continue
             with connection:

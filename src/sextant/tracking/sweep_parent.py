@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from sextant.runs.directory import RunDirectory
+from sextant.runs.locks import LockedError, run_lock
 from sextant.runs.sweep_directory import SweepPlan, read_plan
-from sextant.tracking.mirror import PARENT, MirroredRun, known_run
-from sextant.tracking.store import Kind, Store, open_store
+from sextant.tracking.mirror import PARENT, MirroredRun, Status, known_run
+from sextant.tracking.store import Kind, Store, open_store, telling_store_errors
 
 
 def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, experiment: str) -> MirroredRun:
@@ -31,31 +32,30 @@ def _make_parent(store: Store, experiment_id: str, plan: SweepPlan, outputs: Pat
 
 
 def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
-    """Copy a report to the parent run in the embedded store, if the sweep has one there."""
-    if not (outputs / "mlflow.db").exists():
-        return
-    store = open_store("sqlite", None, outputs)
-    found = store.client.search_runs(
-        [e.experiment_id for e in store.client.search_experiments()],
-        f"tags.`sextant.sweep` = '{plan.directory(outputs).name}'",
-        max_results=1,
-    )
-    if found:
-        MirroredRun(store, found[0].info.run_id).artifacts(report)
+    """Copy a report to the parent run of its sweep, in the store that the sweep was logged to."""
+    kind: Kind = "server" if plan.tracking.get("kind") == "server" else "sqlite"
+    with telling_store_errors(plan.tracking.get("uri")):
+        store = open_store(kind, plan.tracking.get("uri"), outputs)
+        parent = known_run(store, plan.mlflow_runs)
+    if parent is not None:
+        MirroredRun(store, parent).artifacts(report)
 
 
 def refill_parents(store: Store, outputs: Path) -> int:
     """Make the parent runs again that a store lacks, and tie their cells to them.
 
     Returns:
-        How many were made.
+        How many were made or ended.
     """
     made = 0
     for file in sorted(outputs.glob("sweeps/*/cells.json")):
         plan = read_plan(file.parent)
-        if not plan.mlflow_runs or known_run(store, plan.mlflow_runs) is not None:
-            continue
         runs = [RunDirectory(outputs / cell.run) for cell in plan.cells]
+        known = known_run(store, plan.mlflow_runs)
+        if known is not None:
+            made += _end_if_dead(store, known, outputs, file.parent.name, runs)
+        if known is not None or not plan.mlflow_runs:
+            continue
         state = next((run.state() for run in runs if run.state()), {})
         parent = _make_parent(store, store.experiment_id(str(state.get("experiment", "sweeps"))), plan, outputs)
         replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id]).write(outputs)
@@ -64,6 +64,22 @@ def refill_parents(store: Store, outputs: Path) -> int:
             if child is not None:
                 MirroredRun(store, child).tags({PARENT: parent.run_id})
         parent.artifacts(file.parent / "report")
-        parent.status("FINISHED" if all(run.results() is not None for run in runs) else "KILLED")
+        parent.status(_status(runs))
         made += 1
     return made
+
+
+def _end_if_dead(store: Store, parent: str, outputs: Path, name: str, runs: list[RunDirectory]) -> bool:
+    """Set the status of a parent that is RUNNING although no process runs its sweep."""
+    if store.client.get_run(parent).info.status != "RUNNING":
+        return False
+    try:
+        with run_lock(outputs / "sweeps", name, wait=False):
+            MirroredRun(store, parent).status(_status(runs))
+    except LockedError:
+        return False
+    return True
+
+
+def _status(runs: list[RunDirectory]) -> Status:
+    return "FINISHED" if all(run.results() is not None for run in runs) else "KILLED"
