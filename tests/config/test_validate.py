@@ -49,7 +49,7 @@ def test_the_default_config_is_legal_and_typed(composed):
         ("corruption.corruptions.contrast_poisson.levels", [], "at least 1 item"),
         ("corruption.corruptions.gaussian.levels", [0.1, 0.1], "gaussian.levels: values must differ, got [0.1, 0.1]"),
         ("optimizer.lr", float("inf"), "optimizer.lr=inf"),
-        ("sweep", {"name": "s", "seeds": 0}, "sweep.seeds=0"),
+        ("sweep", {"name": "s", "seeds": 0}, "sweep.seeds: a number of seeds must be at least 1"),
         ("sweep", {"name": "s", "seeds": [1, 1]}, "values must differ"),
         ("inhibition", {"_target_": "sextant.layers.PushPullInhibition", "scale": 0.5}, "inhibition.scale=0.5"),
     ],

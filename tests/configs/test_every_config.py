@@ -56,4 +56,4 @@ def test_the_experiment_wins_over_the_task():
 def test_a_sweep_brings_its_experiment():
     raw = to_plain(compose(["sweep=pushpull_lenet"]))
     assert raw["dataset"]["_target_"] == "sextant.data.mnist.MNIST"
-    assert validate(raw).sweep.seed_list() == list(range(10))
+    assert validate(raw).sweep.seeds == list(range(10))

@@ -122,7 +122,7 @@ def test_the_written_report(sweep):
 
 
 def test_arms_tested_on_other_images_and_conditions_are_compared_by_what_they_share(sweep):
-    results, accuracy = sweep
+    results, _ = sweep
     cells = [
         replace(cell, correct={"clean": cell.correct["clean"][:50]}) if cell.cell.arm == "b" and cell.correct else cell
         for cell in results.cells

@@ -1,7 +1,9 @@
 """The embedded MLflow store: made once, written by many, repaired after a move."""
 
 import multiprocessing
+import os
 import shutil
+import signal
 import sqlite3
 
 import pytest
@@ -52,6 +54,28 @@ def test_artifact_addresses_follow_a_moved_folder(tmp_path):
     assert moved.client.get_run(run_id).info.artifact_uri.startswith((after / "artifacts").as_uri())
     assert [file.path for file in moved.client.list_artifacts(run_id)] == ["note.txt"]
     assert not before.exists()
+
+
+def make_store_and_die(outputs):
+    from mlflow.store.db import utils
+
+    upgrade = utils._upgrade_db
+
+    def die_halfway(engine):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    utils._upgrade_db = die_halfway if not list(outputs.glob("mlflow.db")) else upgrade
+    open_store("sqlite", None, outputs)
+
+
+def test_a_process_killed_while_it_makes_the_database_leaves_no_half(tmp_path):
+    maker = multiprocessing.get_context("spawn").Process(target=make_store_and_die, args=(tmp_path,))
+    maker.start()
+    maker.join()
+    assert maker.exitcode == -signal.SIGKILL
+    store = open_store("sqlite", None, tmp_path)
+    assert store.client.create_run(store.experiment_id("e")).info.status == "RUNNING"
+    assert not list(tmp_path.glob(".mlflow.db.*"))
 
 
 def test_a_damaged_database_is_named(tmp_path):

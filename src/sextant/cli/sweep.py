@@ -79,7 +79,7 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
     sweep = validate({**base, "sweep": definition}).sweep
     assert sweep is not None
 
-    seeds = _seeds(swept.pop("seed", given.get("seed")), sweep.seed_list() if base.get("sweep") else [base["seed"]])
+    seeds = _seeds(swept.pop("seed", given.get("seed")), sweep.seeds if base.get("sweep") else [base["seed"]])
     factors = {key: given.get(key, [str(v) for v in values]) for key, values in sweep.factors.items()} | swept
     arms = {name: (arm.overrides, arm.seed_offset) for name, arm in sweep.arms.items()}
     _refuse_arm_keys(given, arms)

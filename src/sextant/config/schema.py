@@ -6,7 +6,7 @@ everywhere: its arguments are then checked against its signature when it is buil
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 
 class Node(BaseModel):
@@ -320,6 +320,18 @@ class ClassificationTask(Node):
 # -------------------------------------------------------------------------------------------------------------- sweeps
 
 
+def _first_seeds(value: Any) -> Any:
+    """A number n of seeds stands for 0 to n - 1."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        if value < 1:
+            raise ValueError(f"a number of seeds must be at least 1, got {value}")
+        return list(range(value))
+    return value
+
+
+Seeds = Annotated[list[Seed], Field(min_length=1), AfterValidator(_distinct), BeforeValidator(_first_seeds)]
+
+
 class Arm(Node):
     """One of the things that a sweep compares."""
 
@@ -341,9 +353,7 @@ class Sweep(Node):
     question: str = ""
     factors: dict[str, Annotated[list[str | int | float | bool], Field(min_length=1)]] = Field(default_factory=dict)
     arms: dict[str, Arm] = Field(default_factory=dict)
-    seeds: Count | Annotated[list[Seed], Field(min_length=1), AfterValidator(_distinct)] = Field(
-        default=1, examples=[8]
-    )
+    seeds: Seeds = Field(default=[0], examples=[8])
     contrasts: dict[str, Contrast] = Field(default_factory=dict)
     noise_floor: str | None = None
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
@@ -358,10 +368,6 @@ class Sweep(Node):
         if self.noise_floor is not None and self.noise_floor not in self.contrasts:
             raise ValueError(f"sweep.noise_floor={self.noise_floor} must be one of {', '.join(self.contrasts)}")
         return self
-
-    def seed_list(self) -> list[int]:
-        """The seeds: as listed, or 0 to n - 1."""
-        return list(range(self.seeds)) if isinstance(self.seeds, int) else self.seeds
 
 
 class Config(Node):

@@ -212,8 +212,8 @@ def _published_verdict(rows: list[ContrastRow]) -> str:
     readings = Counter(_reading(row) for row in known)
     return (
         f"Two runs of the *same* convolution that differ in their seeds alone stay within the reach given below 95 "
-        f"times in 100. Of {len(known)} published differences, each of one run against one run, {beyond} lie beyond it; "
-        f"a single pair cannot tell the other {len(known) - beyond} from chance. Over our seeds, by Holm-corrected "
+        f"times in 100. Of {len(known)} published differences, each of one run against one run, {beyond} lie beyond "
+        f"it; a single pair cannot tell the other {len(known) - beyond} from chance. Over our seeds, by Holm-corrected "
         f"Wilcoxon tests at 0.05: {readings['same sign']} have the published sign, {readings['opposite sign']} the "
         f"opposite, {readings['undecided']} are undecided, {readings['too few pairs']} rest on fewer than "
         f"{SEEDS_FOR_A_CLAIM} pairs.\n\n" + table.markdown()

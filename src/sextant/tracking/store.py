@@ -1,5 +1,6 @@
 """The tracking store: an embedded sqlite database, or a server."""
 
+import os
 import sqlite3
 import urllib.error
 import urllib.request
@@ -79,6 +80,8 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
     uri = sqlite_uri(outputs)
     with FileLock(outputs / ".mlflow.lock"):
         try:
+            if not database.exists():
+                _make_database(database)
             _require_sqlite(database)
             client = MlflowClient(uri)
             client.get_experiment("0")
@@ -132,6 +135,17 @@ def require_server(uri: str, timeout_s: float = 3.0) -> None:
             f"tracking.uri={uri}: no MLflow server answers there ({reason})",
             "Start one, correct the address, or log to the embedded store: tracking=sqlite",
         ) from None
+
+
+def _make_database(database: Path) -> None:
+    """Make MLflow's tables beside the database and rename it into place: a process killed halfway leaves no half."""
+    from mlflow import MlflowClient
+
+    for leftover in database.parent.glob(".mlflow.db.*.tmp*"):
+        leftover.unlink()
+    temporary = database.with_name(f".mlflow.db.{os.getpid()}.tmp")
+    MlflowClient(f"sqlite:///{temporary}").get_experiment("0")
+    temporary.replace(database)
 
 
 def _require_sqlite(database: Path) -> None:
