@@ -161,6 +161,30 @@ def test_the_best_checkpoint_is_chosen_on_validation(tmp_path):
     assert directory.results()["metrics"]["val/accuracy"] == pytest.approx(max(validation))
 
 
+def test_the_best_checkpoint_survives_an_interruption_and_a_move(tmp_path, monkeypatch):
+    overrides = ["tracking=none", "task.test_checkpoint=best", "trainer.max_epochs=6", "optimizer.lr=0.3"]
+    whole = execute(quick_config(tmp_path / "whole", *overrides))
+    steps = RunDirectory(whole.directory).results()["steps"] // 6
+    training_step, seen = Classification.training_step, []
+
+    def interrupted_in_the_fourth_epoch(self, batch, batch_idx):
+        seen.append(self.global_step)
+        if len(seen) == 3 * steps + 5:
+            raise KeyboardInterrupt
+        return training_step(self, batch, batch_idx)
+
+    monkeypatch.setattr(Classification, "training_step", interrupted_in_the_fourth_epoch)
+    with pytest.raises(KeyboardInterrupt):
+        execute(quick_config(tmp_path / "before", *overrides))
+    (tmp_path / "before").rename(tmp_path / "after")
+    resumed = execute(quick_config(tmp_path / "after", *overrides))
+    assert seen[3 * steps + 5] == 3 * steps
+    assert RunDirectory(resumed.directory).results()["metrics"] == RunDirectory(whole.directory).results()["metrics"]
+    best = [load_checkpoint(RunDirectory(o.directory).best_checkpoint) for o in (whole, resumed)]
+    assert best[0]["epoch"] == best[1]["epoch"]
+    assert all(torch.equal(best[0]["state_dict"][name], best[1]["state_dict"][name]) for name in best[0]["state_dict"])
+
+
 def test_training_starts_from_the_weights_of_another_run(finished, tmp_path):
     _, outcome = finished
     fresh = execute(quick_config(tmp_path, "tracking=none"))
