@@ -3,7 +3,7 @@
 import pytest
 
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.sweep import check_sweep_overrides
+from sextant.cli.sweep_plan import check_sweep_overrides
 from sextant.errors import UserError
 
 

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str]) -> None:
     if not any(argument.split("=")[0] in ONLY_PRINT for argument in arguments):
         overrides = [argument for argument in arguments if not argument.startswith("-")]
         if any(argument in MULTIRUN for argument in arguments):
-            from sextant.cli.sweep import check_sweep_overrides
+            from sextant.cli.sweep_plan import check_sweep_overrides
 
             check_sweep_overrides(overrides)
             os.environ.setdefault("HYDRA_FULL_ERROR", "1")

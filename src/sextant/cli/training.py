@@ -48,7 +48,8 @@ def train_and_test(
     spec = source.spec()
     module = build_classification(raw, spec, log_every=config.trainer.log_every, training=True)
     if config.init_from is not None:
-        _load_weights(module, resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint)
+        checkpoint = resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint
+        _load_weights(module, load_checkpoint(checkpoint), checkpoint)
     logger = RunLogger(directory, mirror)
     callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]
     if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
@@ -98,8 +99,8 @@ def require_device(config: Config) -> None:
 def model_from_checkpoint(raw: Mapping[str, Any], checkpoint: Path) -> Classification:
     """The trained module in a checkpoint, built from ``raw``: its own config, perhaps with other test conditions."""
     content = load_checkpoint(checkpoint)
-    module = build_classification(raw, spec_of(content), log_every=50, training=False)
-    _load_weights(module, checkpoint)
+    module = build_classification(raw, spec_of(content), log_every=raw["trainer"]["log_every"], training=False)
+    _load_weights(module, content, checkpoint)
     return module.eval()
 
 
@@ -182,9 +183,9 @@ def _write_test(module: Classification, data: ImageData, directory: RunDirectory
     return {"parameters": sum(parameter.numel() for parameter in module.parameters())}
 
 
-def _load_weights(module: Classification, checkpoint: Path) -> None:
+def _load_weights(module: Classification, content: Mapping[str, Any], checkpoint: Path) -> None:
     try:
-        module.load_state_dict(load_checkpoint(checkpoint)["state_dict"])
+        module.load_state_dict(content["state_dict"])
     except RuntimeError as error:
         lines = [line.strip() for line in str(error).splitlines()[1:4]]
         raise UserError(

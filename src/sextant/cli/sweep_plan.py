@@ -1,0 +1,173 @@
+"""Planning a sweep: from the command line and the ``sweep`` config to the runs it consists of."""
+
+import itertools
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
+
+from sextant.cli.assemble import build_source
+from sextant.cli.compose import compose, to_plain
+from sextant.cli.execute import run_key
+from sextant.cli.train import check_environment
+from sextant.config import Config, validate
+from sextant.errors import UserError
+from sextant.runs.directory import claim
+from sextant.runs.sweep_directory import Cell, SweepPlan
+
+#: name -> the overrides of an arm, and what it adds to the seed
+Arms = dict[str, tuple[list[str], int]]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A cell, the overrides that run it, and whether it is finished."""
+
+    cell: Cell
+    overrides: list[str]
+    finished: bool
+
+
+@dataclass(frozen=True)
+class Design:
+    """Factors x arms x seeds, with the overrides that all runs share.
+
+    Attributes:
+        definition: the ``sweep`` node, with the arms that the command line made.
+    """
+
+    name: str
+    definition: dict[str, Any]
+    fixed: list[str]
+    factors: dict[str, list[str]]
+    arms: Arms
+    seeds: list[int]
+
+
+def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Config]:
+    """Expand a command line into cells, each composed, validated and looked up on disk.
+
+    Returns:
+        The plan, its cells with their overrides, and the config of the first cell.
+
+    Raises:
+        UserError: a cell's config is wrong, the data is missing, or the sweep's keys contradict each other.
+    """
+    design = read_design(arguments)
+    planned: list[Planned] = []
+    first: Config | None = None
+    for values in itertools.product(*design.factors.values()):
+        setting = dict(zip(design.factors, values, strict=True))
+        for arm in design.arms:
+            overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
+            raw = to_plain(compose(overrides))
+            config = validate(raw)
+            if first is None:
+                check_environment(raw, config)
+                first = config
+            planned += _over_seeds(design, setting, arm, overrides, raw, config)
+    assert first is not None
+    tracking = {"kind": first.tracking.kind, "uri": first.tracking.uri}
+    cells = [entry.cell for entry in planned]
+    plan = SweepPlan(design.name, design.definition, list(arguments), cells, [], tracking, time.time())
+    return plan, planned, first
+
+
+def _over_seeds(
+    design: Design, setting: dict[str, str], arm: str, overrides: list[str], raw: Mapping[str, Any], config: Config
+) -> list[Planned]:
+    source, outputs, planned = build_source(raw, config), Path(config.paths.outputs), []
+    for pair, seed in enumerate(design.seeds):
+        key = run_key(config, source, seed + design.arms[arm][1])
+        found = claim(outputs, key, config.reuse)
+        run = found.directory.path.relative_to(outputs).as_posix()
+        cell = Cell(setting, arm, pair, key.seed, key.digest, run)
+        planned.append(Planned(cell, [*overrides, f"seed={key.seed}"], found.finished))
+    return planned
+
+
+def read_design(arguments: Sequence[str]) -> Design:
+    """What a command line asks for.
+
+    Values of the command line replace a stored sweep's factors and seeds. Without arms in the config, the last key that
+    lists several values is what is compared, its first value the control.
+    """
+    parsed = OverridesParser.create().parse_overrides(list(arguments))
+    given = {o.key_or_group: _choices(o) for o in parsed}
+    swept = {o.key_or_group: given[o.key_or_group] for o in parsed if o.is_sweep_override()}
+    fixed = [o.input_line for o in parsed if not o.is_sweep_override() and o.input_line is not None]
+    base = to_plain(compose([*fixed, *(f"{key}={choices[0]}" for key, choices in swept.items())]))
+    definition: dict[str, Any] = base.get("sweep") or {"name": "sweep"}
+    sweep = validate({**base, "sweep": definition}).sweep
+    assert sweep is not None
+
+    seeds = _seeds(swept.pop("seed", given.get("seed")), sweep.seeds if base.get("sweep") else [base["seed"]])
+    factors = {key: given.get(key, [str(v) for v in values]) for key, values in sweep.factors.items()} | swept
+    arms: Arms = {name: (arm.overrides, arm.seed_offset) for name, arm in sweep.arms.items()}
+    _refuse_arm_keys(given, arms)
+    if not arms and factors:
+        compared = list(factors)[-1]
+        arms = {value: ([f"{compared}={value}"], 0) for value in factors.pop(compared)}
+        definition |= {"arms": {name: {"overrides": overrides} for name, (overrides, _) in arms.items()}}
+    return Design(sweep.name, definition, fixed, factors, arms or {"run": ([], 0)}, seeds)
+
+
+def _seeds(given: list[str] | None, default: list[int]) -> list[int]:
+    if given is None:
+        return default
+    if not all(seed.isdigit() for seed in given) or len(set(given)) < len(given):
+        raise UserError(
+            f"seed={','.join(given)}: seeds must be different whole numbers from 0", "For example seed=0,1,2"
+        )
+    return [int(seed) for seed in given]
+
+
+def _refuse_arm_keys(given: Mapping[str, object], arms: Arms) -> None:
+    """A key that the arms of a stored sweep set cannot be set on the command line too."""
+    for name, (overrides, _) in arms.items():
+        for override in overrides:
+            key = override.split("=")[0]
+            if key in given:
+                raise UserError(
+                    f"{key} is what the arms of this sweep compare (arm {name} sets {override})",
+                    f"Leave {key} out, or list the values in a sweep of your own: -m {key}=a,b",
+                )
+
+
+def _choices(override: Override) -> list[str]:
+    """The values of an override, as text; one unless it sweeps."""
+    if not override.is_sweep_override():
+        return [override.get_value_element_as_str()] if override.value() is not None else ["null"]
+    try:
+        return [str(value) for value in override.sweep_string_iterator()]
+    except (HydraException, ValueError):
+        raise UserError(
+            f"{override.input_line}: a sweep lists its values", f"For example {override.key_or_group}=a,b,c"
+        ) from None
+
+
+def check_sweep_overrides(overrides: Sequence[str]) -> None:
+    """Find a mistake in any single choice of a sweep before the sweep is planned: each is composed once.
+
+    Raises:
+        UserError: as :func:`sextant.cli.compose.compose`.
+    """
+    try:
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    except Exception:
+        compose(overrides)  # names the override that cannot be parsed
+        raise UserError(f"cannot parse {' '.join(overrides)}") from None
+    choices = [
+        [f"{o.key_or_group}={choice}" for choice in _choices(o)] if o.is_sweep_override() else [o.input_line or ""]
+        for o in parsed
+    ]
+    first = [options[0] for options in choices]
+    compose(first)
+    for number, options in enumerate(choices):
+        for option in options[1:]:
+            compose([*first[:number], option, *first[number + 1 :]])
