@@ -20,7 +20,7 @@ lint: $(READY) ## style, types of the functional core, layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-sweep-demo: $(READY) ## a small sweep with its report: push-pull against convolution, 8 seeds, about 5 minutes
+sweep-demo: $(READY) ## a small sweep with its report: push-pull against convolution, 8 seeds, about 3 minutes
 	$(BIN)/python train.py -m sweep=demo
 	$(BIN)/python report.py sweep=demo
 
