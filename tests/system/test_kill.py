@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 from support import QUICK, quick_config
 
@@ -19,6 +20,7 @@ from sextant.tracking.store import open_store
 
 ROOT = Path(__file__).parents[2]
 KILLS = 10
+HAS_BEGUN_A_RUN = 200e6  # bytes: it has imported torch. A worker without a task yet is joblib's and idles on.
 
 
 def child(raw):
@@ -76,14 +78,17 @@ def test_a_sweep_of_two_workers_killed_ten_times_ends_as_if_it_had_not_been(tmp_
     command = [sys.executable, "train.py", "-m", *QUICK, epochs, "inhibition=none,push_pull", "seed=0,1"]
     command += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     environment = {**os.environ, "SEXTANT_OUTPUTS": str(outputs)}
-    rng = random.Random(1)
+    rng, workers = random.Random(1), []
     for number in range(KILLS):
         process = subprocess.Popen(
             command, cwd=ROOT, env=environment, start_new_session=True, stdout=subprocess.DEVNULL
         )
         time.sleep(rng.uniform(1, 20))
+        workers += psutil.Process(process.pid).children(recursive=True)
         os.kill(process.pid, signal.SIGKILL) if number % 2 else os.killpg(process.pid, signal.SIGKILL)
-        process.wait()  # every other time the workers live on for a while, beside those of the next try
+        process.wait()  # every other time the workers are left to notice by themselves
+    left = psutil.wait_procs(workers, timeout=30)[1]
+    assert not [worker for worker in left if worker.memory_info().rss > HAS_BEGUN_A_RUN]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = {}

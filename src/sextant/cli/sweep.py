@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sextant.cli.console import console
 from sextant.cli.sweep_plan import Planned, make_plan
+from sextant.cli.workers import announce_controller
 from sextant.config import Config
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
@@ -62,6 +63,7 @@ def _run_missing(plan: SweepPlan, missing: list[Planned], config: Config, output
             plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
         plan.write(outputs)
         quiet.append(f"tracking.parent_run={parent.run_id}")
+    announce_controller()
     try:
         with _progress(missing, outputs):
             outcomes = launch([[*entry.overrides, *quiet] for entry in missing])

@@ -76,10 +76,12 @@ def run_config(config: DictConfig) -> dict[str, Any] | None:
     quiet_libraries()
     from sextant.cli.execute import execute, execute_cell
     from sextant.cli.show import show_result
+    from sextant.cli.workers import end_with_controller
     from sextant.runs.directory import RunDirectory
 
     raw = to_plain(config)
     if HydraConfig.get().mode == RunMode.MULTIRUN:
+        end_with_controller()
         return execute_cell(raw)
     with reporting_mistakes():
         outcome = execute(raw)
