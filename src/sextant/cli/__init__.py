@@ -9,6 +9,7 @@ VERBS = {
     "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
     "predict": ("sextant.cli.predict", "classify a folder of images with a trained model"),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
+    "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }

@@ -1,0 +1,66 @@
+"""Whitened principal components of the pixels."""
+
+from typing import Self
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from sextant.baselines.descriptor import PlaceDescriptor, unit_norm
+from sextant.baselines.pixels import Pixels
+
+#: Components with a smaller share of the first one's variance are rounding, which whitening would blow up.
+SMALLEST_SHARE = 1e-7
+
+
+class WhitenedPCA(PlaceDescriptor):
+    """``y = Λ^(-1/2) Vᵀ (x - m)`` scaled to ``||y|| = 1``, where x are standardised pixels.
+
+    Mean m, leading eigenvectors V and eigenvalues Λ of the covariance are those of the reference images alone.
+
+    Source: Jégou and Chum 2012, "Negative evidences and co-occurrences in image retrieval", section 3.
+
+    Args:
+        height, width: size in pixels at which the images are described.
+        dimensions: length of a descriptor, fewer than the reference images.
+        most_images: fit uses at most so many images, evenly spaced; bounds the memory at ``4 height width`` bytes each.
+
+    Attributes:
+        pca_: the fitted ``sklearn.decomposition.PCA``.
+    """
+
+    def __init__(self, height: int = 32, width: int = 64, dimensions: int = 128, most_images: int = 10_000):
+        super().__init__(height, width)
+        self.dimensions, self.most_images = dimensions, most_images
+
+    def fit(self, images: UInt8[ndarray, "n h w c"]) -> Self:
+        """Learn the components from the reference images.
+
+        Raises:
+            ValueError: the images span fewer than ``dimensions`` directions.
+        """
+        from sklearn.decomposition import PCA
+
+        if self.dimensions >= len(images):
+            raise ValueError(f"dimensions={self.dimensions} needs more reference images than that; got {len(images)}")
+        step = -(-len(images) // max(self.most_images, self.dimensions + 1))
+        pixels = Pixels(self.height, self.width).describe(images[::step])
+        self.pca_ = PCA(self.dimensions, whiten=True, svd_solver="covariance_eigh").fit(pixels)
+        variance = self.pca_.explained_variance_
+        rank = int((variance > SMALLEST_SHARE * variance[0]).sum())
+        if rank < self.dimensions:
+            raise ValueError(f"dimensions={self.dimensions}, but the reference images span only {rank} directions")
+        return self
+
+    def describe_grey(self, grey: Float32[ndarray, "n h w"]) -> Float32[ndarray, "n d"]:
+        """Unit-norm whitened components.
+
+        Raises:
+            NotFittedError: ``fit`` was not called.
+        """
+        if not hasattr(self, "pca_"):
+            from sklearn.exceptions import NotFittedError
+
+            raise NotFittedError("WhitenedPCA.fit was not called: it learns from the reference images")
+        pixels = Pixels(self.height, self.width).describe_grey(grey)
+        return unit_norm(self.pca_.transform(pixels).astype(np.float32))

@@ -1,0 +1,251 @@
+"""``sextant data``: list, render and verify the datasets that are rendered on this machine."""
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from hydra.utils import get_object
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from sextant.cli.arguments import parse_arguments
+from sextant.cli.assemble import build_source
+from sextant.cli.compose import compose, conf_dir, groups, to_plain
+from sextant.cli.console import console, key_value_table
+from sextant.config import validate
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from sextant.data.rendered import RenderPlan, StoreReport
+
+USAGE = """sextant data list
+sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2]
+sextant data verify <store or its folder> [repair=true]"""
+LINE_S = 5.0
+SHOWN_DAMAGES = 50
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run one of the commands of :data:`USAGE`."""
+    verbs = {"list": _list, "render": _render, "verify": _verify}
+    verb = arguments[0] if arguments else "list"
+    if any(argument in ("-h", "--help") for argument in arguments):
+        print(USAGE)
+    elif verb in verbs:
+        verbs[verb](list(arguments[1:]))
+    else:
+        raise UserError(f"data {' '.join(arguments)}: not understood", USAGE)
+
+
+# ----------------------------------------------------------------------------------------------------------------- list
+
+
+def _list(arguments: list[str]) -> None:
+    from sextant.data.rendered.disk import allocated_bytes, readable
+    from sextant.data.rendered.verify import is_store
+
+    cache = _cache(arguments)
+    stores = sorted(path for path in cache.glob("*") if is_store(path))
+    table = Table("store", "rendered", "on disk", "state")
+    for path in stores:
+        rendered, state = _state(path)
+        table.add_row(escape(path.name), rendered, readable(allocated_bytes(path.rglob("*"))), state)
+    if stores:
+        console.print(table)
+    else:
+        console.print(f"nothing is rendered in {escape(str(cache))}; sextant data render dataset=<name> does")
+
+
+def _state(path: Path) -> tuple[str, str]:
+    from sextant.data.rendered import load_store
+    from sextant.data.rendered.layout import StoreLayout
+
+    if not StoreLayout(path).manifest.is_file():
+        return "", "to be laid out anew: render it"
+    try:
+        store = load_store(path)
+    except UserError:
+        return "", f"damaged: sextant data verify {escape(path.name)}"
+    return f"{store.rendered:,}/{len(store):,}", "complete" if store.complete else "incomplete"
+
+
+# --------------------------------------------------------------------------------------------------------------- render
+
+
+def _render(arguments: list[str]) -> None:
+    threads, overrides = _threads(arguments)
+    if not any(override.startswith("dataset=") for override in overrides):
+        raise UserError("which dataset? dataset= is missing", f"{_rendered_datasets()}\n\n{USAGE}")
+    plan, cache = _plan(overrides)
+    from sextant.data.rendered import open_store
+
+    began, state = time.monotonic(), "nothing"
+    try:
+        store = open_store(plan, cache, tell=_tell)
+        state = f"{store.rendered:,} of {len(store):,}"
+        with _progress("rendering", "images") as progress:
+            made = store.fill(progress, threads)
+    except KeyboardInterrupt:
+        state = f"{store.rendered:,} of {len(store):,}" if state != "nothing" else state
+        console.print(f"interrupted: {state} rendered; the same command resumes")
+        raise SystemExit(130) from None
+    seconds = time.monotonic() - began
+    facts = {str(name).replace("_", " "): _shown(value) for name, value in store.facts.items()}
+    rows = {"images": f"{len(store):,}"} | facts | {"path": str(store.directory), "seconds": f"{seconds:,.1f}"}
+    rows["images/s"] = f"{made / seconds:,.1f}" if made else "all were rendered before"
+    console.print(key_value_table(plan.name, rows))
+
+
+def _plan(overrides: Sequence[str]) -> "tuple[RenderPlan, Path]":
+    """The plan of the dataset that ``overrides`` choose, and the folder of stores."""
+    raw = to_plain(compose(overrides))
+    config = validate(raw)
+    target = str(raw["dataset"]["_target_"])
+    if not _is_rendered(target):
+        chosen = next(override for override in overrides if override.startswith("dataset="))
+        raise UserError(f"{chosen} is not rendered: there is nothing to do", _rendered_datasets())
+    source: Any = build_source(raw, config)
+    return source.plan(), Path(config.paths.cache)
+
+
+def _is_rendered(target: str) -> bool:
+    try:
+        return callable(getattr(get_object(target), "plan", None))
+    except Exception:  # get_object raises whatever importing the user's module does; building it tells more
+        return not target.startswith("sextant.")
+
+
+def _rendered_datasets() -> str:
+    """The options of the group ``dataset`` that can be rendered, in one sentence."""
+    names = []
+    for name in groups()["dataset"]:
+        content = yaml.safe_load((conf_dir() / "dataset" / f"{name}.yaml").read_text())
+        if _is_rendered(str(content.get("_target_", "sextant."))):
+            names.append(name)
+    return f"Rendered datasets: {', '.join(names) or 'none yet'}"
+
+
+def _threads(arguments: Sequence[str]) -> tuple[int, list[str]]:
+    """The number of threads, of which the default is one a core, and the other arguments."""
+    overrides, threads = [], str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2)
+    for argument in arguments:
+        if argument.startswith("threads="):
+            threads = argument.removeprefix("threads=")
+        else:
+            overrides.append(argument)
+    if not threads.isdecimal() or not 1 <= int(threads) <= 256:
+        raise UserError(f"threads={threads} must be a number from 1 to 256", "For example threads=2")
+    return int(threads), overrides
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_shown(inner)}" for name, inner in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_shown, value))
+    if isinstance(value, float):
+        return f"{value:,.6g}"
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+
+
+# --------------------------------------------------------------------------------------------------------------- verify
+
+
+def _verify(arguments: list[str]) -> None:
+    from sextant.data.rendered import repair_store, verify_store
+
+    names = [argument for argument in arguments if "=" not in argument]
+    paths = [argument for argument in arguments if argument.startswith("paths.")]
+    rest = [argument for argument in arguments if argument not in (*names, *paths)]
+    known = {"repair": "true: forget what is damaged, so that rendering makes it anew"}
+    given = parse_arguments(rest, known, USAGE)
+    if given.get("repair", "false") not in ("true", "false"):
+        raise UserError(f"repair={given['repair']} must be true or false", USAGE)
+    if len(names) != 1:
+        raise UserError("which store? Give one", USAGE)
+    directory = _find(names[0], _cache(paths))
+    with _progress("checking", "chunks") as progress:
+        report = verify_store(directory, progress)
+    _show(report)
+    if report.sound:
+        return
+    if given.get("repair") != "true":
+        console.print(f"sextant data verify {escape(str(directory))} repair=true forgets what is damaged")
+        raise SystemExit(1)
+    repair_store(report, tell=_tell)
+    dataset = report.manifest.name if report.manifest else "<name>"
+    console.print(
+        "what is damaged is forgotten, nothing else is lost; it is not rendered again yet:\n"
+        f"sextant data render dataset={escape(dataset)} with the keys it was rendered with does"
+    )
+
+
+def _find(name: str, cache: Path) -> Path:
+    """The store that ``name`` means: its folder, the name of its folder, or of its dataset if there is one of these."""
+    from sextant.data.rendered.verify import is_store
+
+    stores = sorted(path for path in cache.glob("*") if is_store(path))
+    for path in (Path(name).expanduser(), cache / name):
+        if is_store(path):
+            return path.absolute()
+    found = [path for path in stores if path.name.rpartition("-")[0] == name]
+    if len(found) == 1:
+        return found[0]
+    several = ", ".join(path.name for path in found or stores) or "none"
+    raise UserError(
+        f"{name}: {'several stores' if found else 'no store'} of that name in {cache}", f"Stores there: {several}"
+    )
+
+
+def _show(report: "StoreReport") -> None:
+    for file in report.damaged_files:
+        console.print(f"[red]damaged[/] {escape(str(file.path))}: {escape(file.what)}")
+    for chunk in report.damaged_chunks[:SHOWN_DAMAGES]:
+        console.print(f"[red]damaged[/] {chunk.array} chunk {chunk.chunk}: items {chunk.start} to {chunk.stop - 1}")
+    if (more := len(report.damaged_chunks) - SHOWN_DAMAGES) > 0:
+        console.print(f"[red]damaged[/] and {more} more chunks")
+    if report.manifest is None:
+        return
+    state = "sound" if report.sound else "[red]damaged[/]"
+    count = report.manifest.count
+    rendered = f"{count - report.missing_items:,} of {count:,} items rendered"
+    console.print(f"{escape(report.directory.name)}: {state}, {len(report.rendered_chunks):,} chunks, {rendered}")
+
+
+# --------------------------------------------------------------------------------------------------------------- shared
+
+
+def _cache(overrides: Sequence[str]) -> Path:
+    for override in overrides:
+        if not override.startswith("paths."):
+            raise UserError(f"{override}: not understood", USAGE)
+    return Path(to_plain(compose(overrides))["paths"]["cache"])
+
+
+def _tell(message: str) -> None:
+    console.print(escape(message))
+
+
+@contextmanager
+def _progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """A function that shows how far the work is: a bar on a terminal, a line every few seconds elsewhere."""
+    if not console.is_terminal:
+        drawn = time.monotonic()
+
+        def line(done: int, total: int) -> None:
+            nonlocal drawn
+            if time.monotonic() - drawn > LINE_S:
+                drawn = time.monotonic()
+                console.print(f"{what} {done:,}/{total:,} {unit}")
+
+        yield line
+        return
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,27 @@
+"""Rendered datasets: a plan says what to render, a store keeps it on disk, chunk by chunk."""
+
+from sextant.data.rendered.lock import tell_stderr
+from sextant.data.rendered.manifest import Manifest, read_manifest
+from sextant.data.rendered.plan import ArraySpec, RenderPlan
+from sextant.data.rendered.repair import forget_chunks, repair_store
+from sextant.data.rendered.source import modules_sha256
+from sextant.data.rendered.store import RenderedStore, load_store, open_store
+from sextant.data.rendered.verify import ChunkDamage, FileDamage, StoreReport, verify_store
+
+__all__ = [
+    "ArraySpec",
+    "ChunkDamage",
+    "FileDamage",
+    "Manifest",
+    "RenderPlan",
+    "RenderedStore",
+    "StoreReport",
+    "forget_chunks",
+    "load_store",
+    "modules_sha256",
+    "open_store",
+    "read_manifest",
+    "repair_store",
+    "tell_stderr",
+    "verify_store",
+]

@@ -1,0 +1,113 @@
+"""Writes that are on disk when they return, and what is told when the disk refuses them."""
+
+import errno
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from numpy import ndarray
+
+from sextant.errors import UserError
+
+#: What a write says on a full disk, over a quota, or above the process's file size limit.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+class DiskFullError(UserError):
+    """There is no room for what is to be rendered."""
+
+    @classmethod
+    def at(cls, folder: Path, needed: int) -> "DiskFullError":
+        """The error for a folder that should take ``needed`` more bytes."""
+        return cls(
+            f"the disk is full: {folder} needs {readable(needed)} more, {readable(free_bytes(folder))} is free",
+            "What was rendered is kept. Free some space and give the same command again: it resumes. "
+            "Another disk: paths.cache=/path",
+        )
+
+
+def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Let ``write`` fill a temporary file, then rename it to ``path``: it is wholly there or not at all.
+
+    Raises:
+        OSError: the disk refused; a file that was at ``path`` before is unchanged.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_at(path: Path, offset: int, values: ndarray) -> str:
+    """Overwrite a part of a file and return the SHA-256 of what was written; it is on disk then.
+
+    Never through a memory map: there a full disk kills the process (SIGBUS) instead of raising.
+
+    Raises:
+        OSError: the disk refused; the part may be half written.
+    """
+    content = values.reshape(-1).view("u1").data
+    with path.open("r+b") as file:
+        file.seek(offset)
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return hashlib.sha256(content).hexdigest()
+
+
+def free_bytes(folder: Path) -> int:
+    """Bytes that can still be written below ``folder``, which need not be there yet."""
+    for path in (folder, *folder.parents):
+        with suppress(OSError):
+            return shutil.disk_usage(path).free
+    return 0
+
+
+def allocated_bytes(paths: Iterable[Path]) -> int:
+    """Bytes that files take on disk: less than their sizes where they have holes."""
+    total = 0
+    for path in paths:
+        with suppress(OSError):
+            status = path.stat()
+            total += getattr(status, "st_blocks", -(-status.st_size // 512)) * 512
+    return total
+
+
+@contextmanager
+def telling_disk_errors(folder: Path, needed: Callable[[], int]) -> Iterator[None]:
+    """Turn what the disk refuses inside into one message.
+
+    Raises:
+        DiskFullError: it is full; ``needed`` is asked how much more is to be written.
+        UserError: ``folder`` cannot be written to.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in FULL:
+            raise DiskFullError.at(folder, needed()) from None
+        raise UserError(
+            f"{folder} cannot be written to: {error.strerror or error}",
+            "Choose another folder for rendered data: paths.cache=/path",
+        ) from None
+
+
+def readable(size: int) -> str:
+    """A number of bytes for people: ``3.2 GB``."""
+    value = float(size)
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if value < 1000:
+            return f"{value:,.0f} {unit}" if unit == "bytes" else f"{value:.1f} {unit}"
+        value /= 1000
+    return f"{value:,.1f} TB"

@@ -1,0 +1,246 @@
+"""A rendered dataset on disk: read lazily, rendered once, resumed after any interruption."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from functools import cached_property
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
+
+from sextant.data.rendered.creation import create_store
+from sextant.data.rendered.disk import DiskFullError, allocated_bytes, free_bytes, telling_disk_errors
+from sextant.data.rendered.indices import Indices, chosen_items
+from sextant.data.rendered.journal import Journal
+from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_array
+from sextant.data.rendered.lock import Tell, store_lock, tell_stderr
+from sextant.data.rendered.manifest import Manifest, read_manifest
+from sextant.data.rendered.plan import RenderPlan
+from sextant.data.rendered.rendering import ChunkWriter, written_chunks
+from sextant.errors import UserError
+
+Progress = Callable[[int, int], None]
+
+
+def open_store(plan: RenderPlan, cache: Path | str, *, tell: Tell = tell_stderr) -> "RenderedStore":
+    """The store of a plan below ``cache``; laid out, with nothing rendered, if it is not there yet.
+
+    A store that is there is opened without building the plan's world.
+
+    Args:
+        plan: what to render.
+        cache: folder of stores.
+        tell: gets a message when this process waits for another.
+
+    Raises:
+        UserError: the folder cannot be written to, or the disk is full.
+        DamagedStoreError: a file of the store is not what it should be; names it and the command that mends it.
+    """
+    directory = Path(cache).absolute() / f"{plan.name}-{plan.digest[:8]}"
+    if not StoreLayout(directory).manifest.is_file():
+        create_store(directory, plan, tell)
+    store = RenderedStore(directory, plan, tell)
+    if store.digest != plan.digest:
+        path = StoreLayout(directory).manifest
+        raise DamagedStoreError.at(path, f"is of {store.digest[:16]}, the config asks for {plan.digest[:16]}")
+    return store
+
+
+def load_store(directory: Path | str, *, tell: Tell = tell_stderr) -> "RenderedStore":
+    """A store as it lies on disk, without its renderer: what is not rendered cannot be read.
+
+    Raises:
+        DamagedStoreError: a file of the store is not what it should be; names it and the command that mends it.
+    """
+    return RenderedStore(Path(directory).absolute(), None, tell)
+
+
+class RenderedStore:
+    """Items by index; those not on disk yet are rendered when they are first read.
+
+    Any number of processes and threads may read and fill one store: each chunk is rendered by one of them. Stores can
+    be pickled if their plan can, and are then opened anew.
+
+    Attributes:
+        directory: where it lies.
+        manifest: what it holds.
+    """
+
+    def __init__(self, directory: Path, plan: RenderPlan | None, tell: Tell = tell_stderr):
+        self.directory = directory
+        self.manifest: Manifest = read_manifest(directory)
+        self._plan = plan
+        self._tell = tell
+        self._layout = StoreLayout(directory)
+        self._offsets = {
+            name: check_array(self._layout.array(name), spec, len(self)) for name, spec in self.manifest.arrays.items()
+        }
+        self._journal = Journal(self._layout.journal, self.manifest.grid)
+        self._maps: dict[str, ndarray] = {}
+        self._rendering = Lock()
+        self._refresh()
+
+    def __reduce__(self) -> tuple[type["RenderedStore"], tuple[Path, RenderPlan | None, Tell]]:
+        return type(self), (self.directory, self._plan, self._tell)
+
+    def __len__(self) -> int:
+        return self.manifest.count
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of config and source: it changes when what is rendered would."""
+        return self.manifest.digest
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What the manifest tells a user of the dataset."""
+        return dict(self.manifest.facts)
+
+    @cached_property
+    def columns(self) -> dict[str, ndarray]:
+        """Small arrays ``(count, ...)``, whole in memory.
+
+        Raises:
+            DamagedStoreError: a column's file is missing or altered.
+        """
+        found = {}
+        for name, expected in self.manifest.columns.items():
+            path = self._layout.column(name)
+            try:
+                content = path.read_bytes()
+            except OSError as error:
+                raise DamagedStoreError.at(path, error.strerror or str(error)) from None
+            if hashlib.sha256(content).hexdigest() != expected:
+                raise DamagedStoreError.at(path, "was altered: it does not match its hash in the manifest")
+            found[name] = np.load(path, allow_pickle=False)
+        return found
+
+    @property
+    def rendered(self) -> int:
+        """Number of items on disk, whichever process rendered them."""
+        self._refresh()
+        last, short = self.manifest.grid.chunks - 1, -len(self) % self.manifest.chunk
+        return int(self._rendered.sum()) * self.manifest.chunk - (short if self._rendered[last] else 0)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every item is on disk."""
+        return bool(self._rendered.all()) or self.rendered == len(self)
+
+    def fill(self, progress: Progress | None = None, threads: int = 1) -> int:
+        """Render what is missing and return how many items this process rendered.
+
+        Waits while another process renders, and goes on if that one dies. Killed at any moment, it loses no more than
+        the chunks under way; the next call resumes.
+
+        Args:
+            progress: called with the number of items on disk and of all items, at first and after every chunk.
+            threads: chunks that are rendered at a time; each of them is in memory. Any number gives the same bytes.
+
+        Raises:
+            DiskFullError: there is not enough space for the rest, or the disk filled up; what was rendered is kept.
+            UserError: the folder cannot be written to.
+        """
+        return self._render(range(self.manifest.grid.chunks), threads, progress or _ignore)
+
+    def read(self, array: str, indices: Indices) -> ndarray:
+        """Items of one array, copied out of the file; chunks that are missing are rendered first.
+
+        Args:
+            array: name of an array, or of a column.
+            indices: one index, which gives one item ``(*shape)``, or several, which give ``(n, *shape)``.
+
+        Raises:
+            KeyError: there is no such array.
+            IndexError: an index is out of range.
+            UserError: as for :meth:`fill`, or the store was opened without its renderer.
+        """
+        chosen = chosen_items(indices, len(self))
+        if array in self.manifest.columns:
+            return np.asarray(np.take(self.columns[array], chosen, axis=0))
+        if array not in self.manifest.arrays:
+            names = ", ".join([*self.manifest.arrays, *self.manifest.columns])
+            raise KeyError(f"{self.manifest.name} has no array {array!r}; arrays are {names}")
+        self._ensure(np.unique(chosen // self.manifest.chunk))
+        return np.asarray(np.take(self._map(array), chosen, axis=0))
+
+    def __getitem__(self, index: int) -> dict[str, ndarray]:
+        return {name: self.read(name, index) for name in (*self.manifest.arrays, *self.manifest.columns)}
+
+    def _ensure(self, chunks: ndarray) -> None:
+        if self._rendered[chunks].all():
+            return
+        self._refresh()
+        missing = chunks[~self._rendered[chunks]].tolist()
+        if missing:
+            self._render(missing, 1, _ignore)
+
+    def _refresh(self) -> None:
+        self._rendered = self._journal.on_disk()
+
+    def _missing(self, chunks: Sequence[int]) -> list[int]:
+        self._refresh()
+        return [chunk for chunk in chunks if not self._rendered[chunk]]
+
+    def _render(self, chunks: Sequence[int], threads: int, progress: Progress) -> int:
+        """Render those of ``chunks`` that are missing, under the store's lock."""
+        if not self._missing(chunks):
+            progress(self.rendered, len(self))
+            return 0
+        if self._plan is None:
+            raise UserError(
+                f"{self.directory}: {self.rendered:,} of {len(self):,} items are rendered, and others are asked for",
+                f"sextant data render dataset={self.manifest.name} renders the rest.",
+            )
+        made = 0
+
+        def ready() -> bool:
+            missing = self._missing(chunks)
+            progress(self.rendered, len(self))
+            return not missing
+
+        with self._rendering, store_lock(self.directory, ready, self._tell) as held:
+            missing = self._missing(chunks) if held else []
+            if missing:
+                made = self._render_missing(missing, self._plan, threads, progress)
+        return made
+
+    def _render_missing(self, missing: Sequence[int], plan: RenderPlan, threads: int, progress: Progress) -> int:
+        def needed() -> int:
+            return self._needed(self._missing(missing))
+
+        if needed() > free_bytes(self.directory):
+            raise DiskFullError.at(self.directory, needed())
+        with telling_disk_errors(self.directory, needed):
+            self._journal.cut_torn_line()
+        progress(self.rendered, len(self))
+        made = 0
+        writer = ChunkWriter(self.directory, self.manifest, plan, self._offsets, needed)
+        with closing(written_chunks(writer, missing, threads)) as records:
+            for record in records:
+                with telling_disk_errors(self.directory, needed):
+                    self._journal.append(record)
+                made += record.stop - record.start
+                progress(self.rendered, len(self))
+        return made
+
+    def _needed(self, chunks: Sequence[int]) -> int:
+        """Bytes still to be allocated for these chunks: a file with holes is not as large as it looks."""
+        spans = [self.manifest.grid.span(chunk) for chunk in chunks]
+        missing = sum(stop - start for start, stop in spans) * self.manifest.item_bytes
+        holes = len(self) * self.manifest.item_bytes - allocated_bytes(map(self._layout.array, self.manifest.arrays))
+        return min(missing, max(0, holes))
+
+    def _map(self, array: str) -> ndarray:
+        if array not in self._maps:
+            path = self._layout.array(array)
+            check_array(path, self.manifest.arrays[array], len(self))  # a map beyond its file's end kills the process
+            self._maps[array] = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+        return self._maps[array]
+
+
+def _ignore(rendered: int, count: int) -> None:
+    """Show no progress."""

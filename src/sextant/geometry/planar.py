@@ -1,0 +1,71 @@
+"""Rigid motions in the plane, SE(2), as triples ``(x, y, theta)``: position, and heading in radians counter-clockwise.
+
+A pose ``a_from_b`` takes the coordinates of frame b to those of frame a. Angles that are returned lie in [-π, π).
+"""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.geometry._series import sinc_of_square
+
+
+def wrap_angle(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """The same angle in [-π, π), with gradient 1; angles that are there already come back bit for bit."""
+    return angle - 2 * math.pi * torch.floor(angle / (2 * math.pi) + 0.5)
+
+
+def se2_compose(
+    a_from_b: Float[Tensor, "*#batch 3"], b_from_c: Float[Tensor, "*#batch 3"]
+) -> Float[Tensor, "*#batch 3"]:
+    """``a_from_c``: first ``b_from_c``, then ``a_from_b``. Also a robot's pose after the motion ``b_from_c``."""
+    moved = a_from_b[..., :2] + _rotate(b_from_c[..., :2], a_from_b[..., 2])
+    return _pose(moved, wrap_angle(a_from_b[..., 2] + b_from_c[..., 2]))
+
+
+def se2_inverse(a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """``b_from_a``."""
+    back = -a_from_b[..., 2]
+    return _pose(_rotate(-a_from_b[..., :2], back), wrap_angle(back))
+
+
+def se2_between(
+    a_from_b: Float[Tensor, "*#batch 3"], a_from_c: Float[Tensor, "*#batch 3"]
+) -> Float[Tensor, "*#batch 3"]:
+    """``b_from_c``: the motion from pose b to pose c, seen from b.
+
+    Positions are subtracted first, so far from the origin nothing more is lost than they had lost already.
+    """
+    moved = _rotate(a_from_c[..., :2] - a_from_b[..., :2], -a_from_b[..., 2])
+    return _pose(moved, wrap_angle(a_from_c[..., 2] - a_from_b[..., 2]))
+
+
+def se2_exp(twist: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    r"""The pose reached by a constant twist :math:`(v_x, v_y, \omega)` in unit time: an arc of a circle.
+
+    :math:`t = \begin{pmatrix}A & -B\\ B & A\end{pmatrix} v`, :math:`A = \sin\omega/\omega`,
+    :math:`B = (1-\cos\omega)/\omega`; smooth at 0.
+    """
+    angle = twist[..., 2]
+    # the chord of the arc: it points half the turn away from the start, and is shorter than the arc by sinc(half)
+    chord = _rotate(twist[..., :2], angle / 2) * sinc_of_square(angle * angle / 4)[..., None]
+    return _pose(chord, wrap_angle(angle))
+
+
+def se2_log(pose: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """The twist with angle in [-π, π) whose exponential is the pose; smooth at 0."""
+    angle = wrap_angle(pose[..., 2])
+    arc = _rotate(pose[..., :2], -angle / 2) / sinc_of_square(angle * angle / 4)[..., None]
+    return _pose(arc, angle)
+
+
+def _rotate(vectors: Tensor, angle: Tensor) -> Tensor:
+    x, y = vectors.unbind(-1)
+    cosine, sine = torch.cos(angle), torch.sin(angle)
+    return torch.stack([cosine * x - sine * y, sine * x + cosine * y], dim=-1)
+
+
+def _pose(position: Tensor, angle: Tensor) -> Tensor:
+    return torch.cat([position, angle[..., None]], dim=-1)

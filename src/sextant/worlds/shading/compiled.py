@@ -1,0 +1,29 @@
+"""Compilation of the shading functions by Numba, kept on disk between processes.
+
+Numba notices a change of the file that a function is in, not of the files it calls into. The cache is therefore kept
+in a folder named by the hash of this whole package.
+"""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config as numba_config
+
+_HERE = Path(__file__).parent
+_SOURCE = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(_HERE.glob("*.py")))).hexdigest()[:12]
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """``function`` as machine code: releases the interpreter's lock, keeps IEEE arithmetic (no reordering)."""
+    before = numba_config.CACHE_DIR
+    if not before:
+        numba_config.CACHE_DIR = str(_HERE / "__pycache__" / _SOURCE)
+    try:
+        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    except RuntimeError:  # nowhere to keep it: compile in every process
+        return numba.njit(nogil=True, error_model="numpy")(function)
+    finally:
+        numba_config.CACHE_DIR = before

@@ -1,0 +1,249 @@
+"""One function that tells what is seen at a point of any surface."""
+
+from math import floor, sqrt
+
+from sextant.worlds.shading.compiled import compiled
+from sextant.worlds.shading.facade import facade, wall_colour
+from sextant.worlds.shading.ground import asphalt, field, grass, pavement, road
+from sextant.worlds.shading.look import AUTUMN, INDOOR, LIT, NIGHT
+from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, keep, smoothstep, value_noise
+from sextant.worlds.surfaces import BLUE, BLUE2, COS, GREEN, GREEN2, KIND, P0, RED, RED2, SEED, SIN, Kind, X, Y, Z
+
+(
+    PLAIN, FACADE, ROOF, ROAD, PAVEMENT, GRASS, KERB, BARK, LEAVES, CONIFER, CAR, HEDGE, SIGN, LAMP, PERSON, FIELD, AWNING, FENCE,
+    WALL, FLOOR, CEILING, DOOR, WOOD, POSTER, SCREEN, WINDOW, SHELF,
+) = (int(kind) for kind in Kind)  # fmt: skip
+
+
+@compiled
+def car(row, px, py, pz, nz, look):  # type: ignore[no-untyped-def]
+    """A car in its own frame (x forward): wheels, glass, lights and paint by position."""
+    length, width, height = row[P0], row[P0 + 1], row[P0 + 2]
+    r, g, b = row[RED], row[GREEN], row[BLUE]
+    axle = 0.3 * length
+    dx = min(abs(px - axle), abs(px + axle))
+    d2 = dx * dx + (pz - 0.33) * (pz - 0.33)
+    if d2 < 0.125 and abs(py) > 0.5 * width - 0.27:
+        if d2 < 0.045:
+            return 0.38, 0.38, 0.39, 0.0, 0.0, 0.0, 0.12
+        return 0.018, 0.018, 0.018, 0.0, 0.0, 0.0, 0.0
+    if pz < 0.27:
+        return 0.03, 0.03, 0.03, 0.0, 0.0, 0.0, 0.0
+    waist = 0.62 * height
+    if pz > waist + 0.03 and pz < height - 0.09 and nz < 0.93:
+        pillar = abs(px + 0.02 * length)
+        if pillar > 0.05:
+            return 0.02, 0.022, 0.025, 0.0, 0.0, 0.0, 0.85
+    if abs(px) > 0.5 * length - 0.12 and pz > 0.52 and pz < 0.76 and abs(py) > 0.5 * width - 0.42:
+        on = row[P0 + 3] * (0.12 + look[NIGHT])
+        if px > 0.0:
+            return 0.7, 0.7, 0.68, 2.2 * on, 2.1 * on, 1.8 * on, 0.3
+        return 0.42, 0.02, 0.015, 1.4 * on, 0.08 * on, 0.05 * on, 0.2
+    if abs(px) > 0.5 * length - 0.1 and abs(py) < 0.27 and pz > 0.42 and pz < 0.54:
+        return 0.75, 0.75, 0.7, 0.0, 0.0, 0.0, 0.0
+    if abs(px) > 0.5 * length - 0.12 and pz < 0.45:
+        return 0.05, 0.05, 0.05, 0.0, 0.0, 0.0, 0.05
+    seam = abs(abs(px + 0.02 * length) - 0.19 * length)
+    if seam < 0.012 and nz < 0.5:
+        return 0.3 * r, 0.3 * g, 0.3 * b, 0.0, 0.0, 0.0, 0.1
+    return r, g, b, 0.0, 0.0, 0.0, 0.28 if row[SEED] < 0.75 else 0.18
+
+
+@compiled
+def leaves(row, triangle, px, py, pz, look):  # type: ignore[no-untyped-def]
+    """Albedo of foliage; in autumn each tree turns at its own time."""
+    seed = row[SEED]
+    tint = hash3(triangle, 91, 0)
+    r, g, b = row[RED] * (0.7 + 0.6 * tint), row[GREEN] * (0.75 + 0.5 * tint), row[BLUE] * (0.7 + 0.6 * tint)
+    turned = smoothstep(seed * 0.9, seed * 0.9 + 0.35, look[AUTUMN] * (0.85 + 0.3 * tint))
+    if turned > 0.0:
+        k = hash3(int(seed * 65536.0), 92, 0) + 0.35 * (tint - 0.5)
+        ar, ag, ab = 0.42 + 0.1 * tint, 0.28 - 0.22 * clamp(k, 0.0, 1.0), 0.035
+        r, g, b = r + (ar - r) * turned, g + (ag - g) * turned, b + (ab - b) * turned
+    depth = sqrt(px * px + py * py + pz * pz) / row[P0]
+    shade = 0.32 + 0.68 * smoothstep(0.25, 0.95, depth)
+    shade *= 0.75 + 0.25 * smoothstep(-0.8, 0.5, pz / row[P0])
+    return r * shade, g * shade, b * shade
+
+
+@compiled
+def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footprint, look):  # type: ignore[no-untyped-def]
+    """What is seen of surface ``row`` at world ``(x, y, z)`` with unit normal ``n`` along the unit ray ``d``.
+
+    Returns:
+        albedo (3), emission (3), gloss (share mirrored as by glass), share of the sun let through, wheel-cleared share.
+    """
+    kind = int(row[KIND])
+    c, s = row[COS], row[SIN]
+    ox, oy, oz = x - row[X], y - row[Y], z - row[Z]
+    u, w = c * ox + s * oy, c * oy - s * ox
+    r, g, b = row[RED], row[GREEN], row[BLUE]
+    er, eg, eb, gloss, sunlit, wheel = 0.0, 0.0, 0.0, 0.0, 1.0, 0.0
+    seed = int(row[SEED] * 16777216.0)
+    if kind == FACADE:
+        r, g, b, er, eg, eb, gloss, sunlit = facade(
+            row, u, oz, c * dx + s * dy, dz, dx * nx + dy * ny + dz * nz,
+            c * sx + s * sy, sz, sx * nx + sy * ny + sz * nz, footprint, look,
+        )  # fmt: skip
+    elif kind == ROAD:
+        r, g, b, wheel = road(row, u, w, x, y, footprint, look)
+    elif kind == PAVEMENT:
+        r, g, b = pavement(u, w, 30 + int(row[SEED] * 4.0), footprint, look)
+    elif kind == GRASS:
+        r, g, b = grass(x, y, footprint, look)
+    elif kind == FIELD:
+        r, g, b = field(x, y, footprint, look)
+    elif kind == PLAIN:
+        gloss = row[P0]
+        k = 0.94 + 0.12 * value_noise((u + w) * 2.0, oz * 2.0 + u, seed)
+        r, g, b = r * k, g * k, b * k
+    elif kind == ROOF:
+        if row[P0] < 0.5:
+            slope = sqrt(max(1.0 - nz * nz, 1e-4))
+            course = floor(oz / slope / 0.32)
+            tile = floor(u / 0.26 + 0.5 * (course % 2))
+            detail = keep(footprint, 0.2)
+            fv = oz / slope / 0.32 - course
+            k = 0.95 + 0.32 * detail * (hash3(tile, course, seed) - 0.5) - 0.3 * detail * (1.0 - smoothstep(0.0, 0.25, fv))
+            k *= 0.82 + 0.3 * value_noise(u * 0.6, oz * 0.9, seed)
+        else:
+            k = 0.85 + 0.3 * fractal_noise(u * 0.4, w * 0.4, seed, 2)
+        r, g, b = r * k, g * k, b * k
+    elif kind == LEAVES:
+        r, g, b = leaves(row, triangle, ox, oy, oz, look)
+    elif kind == CONIFER:
+        k = 0.55 + 0.6 * hash3(triangle, 93, 0) * keep(footprint, 0.8) + 0.25 * value_noise(x * 6.0 + z * 3.0, y * 6.0 + z * 5.0, 94)
+        r, g, b = r * k, g * k, b * k
+    elif kind == HEDGE:
+        k = 0.45 + 0.55 * value_noise(u * 7.0 + w * 3.0, oz * 7.0 + w * 5.0, seed) + 0.35 * keep(footprint, 0.12) * (
+            hash3(floor(u * 12.0), floor(oz * 12.0), floor(w * 12.0)) - 0.4
+        )
+        brown = 0.5 * look[AUTUMN]
+        r, g, b = k * (r + 0.05 * brown), k * (g - 0.02 * brown), k * b
+    elif kind == BARK:
+        k = 0.6 + 0.8 * value_noise(x * 14.0 + y * 9.0, z * 2.5, 95) * (0.4 + 0.6 * keep(footprint, 0.1))
+        r, g, b = r * k, g * k, b * k
+    elif kind == CAR:
+        r, g, b, er, eg, eb, gloss = car(row, u, w, oz, nz, look)
+    elif kind == KERB:
+        k = 0.9 + 0.2 * value_noise(u * 3.0 + w, w * 3.0, 96)
+        r, g, b = r * k, g * k, b * k
+    elif kind == LAMP:
+        e = 6.0 * look[NIGHT]
+        er, eg, eb = e, 0.74 * e, 0.42 * e
+    elif kind == SIGN:
+        style = int(row[P0])
+        if style == 0:
+            d = sqrt(u * u + oz * oz)
+            if d < 0.22:
+                r, g, b = 0.75, 0.75, 0.75
+                if abs(oz) < 0.05 and abs(u) < 0.14:
+                    r, g, b = 0.04, 0.04, 0.04
+        elif style == 2:
+            if abs(oz) < 0.06 and abs(u) < 0.3 and hash3(floor(u * 16.0), 97, seed) > 0.25:
+                r, g, b = 0.8, 0.8, 0.8
+        gloss = 0.05
+    elif kind == PERSON:
+        height = row[P0]
+        if oz > 0.86 * height:
+            r, g, b = 0.42, 0.27, 0.19
+            if oz > 0.95 * height:
+                r, g, b = 0.05, 0.035, 0.025
+        elif oz < 0.48 * height:
+            r, g, b = row[RED2], row[GREEN2], row[BLUE2]
+    elif kind == AWNING:
+        if floor(u / 0.3) % 2 == 0:
+            r, g, b = row[RED2], row[GREEN2], row[BLUE2]
+    elif kind == FENCE:
+        k = 0.75 + 0.4 * hash3(floor(u / 0.12), 98, seed) * keep(footprint, 0.12)
+        if u / 0.12 - floor(u / 0.12) < 0.12:
+            k *= 1.0 - 0.5 * keep(footprint, 0.1)
+        r, g, b = r * k, g * k, b * k
+    elif kind == WALL:
+        k = 0.985 + 0.03 * value_noise(u * 0.7, oz * 0.7, seed)
+        r, g, b = r * k, g * k, b * k
+        if oz < row[P0 + 2]:
+            r, g, b = row[RED2], row[GREEN2], row[BLUE2]
+        corner = min(min(u, row[P0] - u), 0.6)
+        level = min(min(oz, row[P0 + 1] - oz), 0.6)
+        k = (0.72 + 0.28 * smoothstep(0.0, 0.6, corner)) * (0.78 + 0.22 * smoothstep(0.0, 0.5, level))
+        r, g, b = r * k, g * k, b * k
+    elif kind == FLOOR:
+        style = int(row[P0])
+        if style == 1:
+            i, j = floor(u / 0.6), floor(w / 0.6)
+            k = 0.92 + 0.12 * hash3(i, j, seed)
+            if u / 0.6 - i < 0.012 or w / 0.6 - j < 0.012:
+                k *= 1.0 - 0.35 * keep(footprint, 0.05)
+            gloss = 0.12
+        elif style == 2:
+            i = floor(w / 0.14)
+            j = floor(u / 1.6 + hash3(i, 99, seed))
+            k = 0.8 + 0.4 * hash3(i, j, seed) + 0.1 * value_noise(u * 3.0, w * 40.0, seed) * keep(footprint, 0.05)
+            gloss = 0.08
+        else:
+            k = 0.9 + 0.2 * fractal_noise(u * 1.5, w * 1.5, seed, 2) + 0.25 * keep(footprint, 0.03) * (value_noise(u * 60.0, w * 60.0, seed) - 0.5)
+        r, g, b = r * k, g * k, b * k
+    elif kind == CEILING:
+        side = row[P0]
+        i, j = floor(u / side), floor(w / side)
+        fu, fw = u / side - i, w / side - j
+        if (i + 2 * j) % 4 == 0 and fu > 0.06 and fu < 0.94 and fw > 0.25 and fw < 0.75 and row[P0 + 1] > 0.0:
+            e = 1.7 * row[P0 + 1]
+            er, eg, eb = e, e * 0.98, e * 0.92
+        elif fu < 0.02 or fw < 0.02:
+            k = 1.0 - 0.3 * keep(footprint, 0.05)
+            r, g, b = r * k, g * k, b * k
+    elif kind == DOOR:
+        width, height = row[P0], row[P0 + 1]
+        inset = min(min(u, width - u), height - oz)
+        if inset < 0.07:
+            r, g, b = row[RED2], row[GREEN2], row[BLUE2]
+        elif abs(u - 0.86 * width) < 0.07 and abs(oz - 1.05) < 0.02:
+            r, g, b, gloss = 0.45, 0.45, 0.46, 0.3
+        elif row[SEED] > 0.6 and abs(u - 0.5 * width) < 0.12 and oz > 1.2 and oz < 1.85:
+            r, g, b, gloss = 0.1, 0.11, 0.12, 0.6
+        elif abs(u - 0.5 * width) < 0.09 and abs(oz - 1.62) < 0.04 and row[SEED] <= 0.6:
+            r, g, b = 0.75, 0.75, 0.72
+    elif kind == WOOD:
+        k = 0.8 + 0.3 * value_noise(u * 2.5, (w + oz) * 28.0, seed)
+        r, g, b = r * k, g * k, b * k
+        gloss = 0.04
+    elif kind == POSTER:
+        width, height = row[P0], row[P0 + 1]
+        if min(min(u, width - u), min(oz, height - oz)) < 0.04:
+            r, g, b = 0.75, 0.75, 0.73
+        else:
+            i, j = floor(u / width * 5.0), floor(oz / height * 7.0)
+            if hash3(i, j, seed) > 0.55:
+                r, g, b = row[RED2], row[GREEN2], row[BLUE2]
+            if oz < 0.45 * height and oz / 0.045 - floor(oz / 0.045) < 0.45 and footprint < 0.05:
+                r, g, b = 0.3 * r, 0.3 * g, 0.3 * b
+    elif kind == SCREEN:
+        k = hash3(floor(u / row[P0] * 8.0), floor(oz / row[P0 + 1] * 6.0), seed)
+        e = row[P0 + 2] * (0.15 + 0.6 * k)
+        er, eg, eb, gloss = 0.6 * e, 0.75 * e, e, 0.4
+        r, g, b = 0.02, 0.02, 0.025
+    elif kind == WINDOW:
+        width, height = row[P0], row[P0 + 1]
+        if min(min(u, width - u), min(oz, height - oz)) < 0.06 or abs(u - 0.5 * width) < 0.03:
+            r, g, b = 0.7, 0.7, 0.7
+        else:
+            r, g, b, gloss = 0.02, 0.02, 0.02, 0.25
+            day = 1.0 - look[NIGHT]
+            e = day * (1.1 if oz + 2.0 * dz > 0.9 else 0.45)
+            er, eg, eb = 0.85 * e, 0.95 * e, 1.1 * e
+    elif kind == SHELF:
+        width, height, boards = row[P0], row[P0 + 1], max(row[P0 + 2], 1.0)
+        board = height / boards
+        i = floor(oz / board)
+        fy = oz - i * board
+        if fy > 0.03 and u > 0.03 and u < width - 0.03 and abs(nz) < 0.5:
+            book = floor(u / 0.045)
+            tall = (0.55 + 0.4 * hash3(book, i, seed)) * board
+            if fy < tall and hash3(floor(u / 0.4), i, seed + 2) > 0.25:
+                h = hash3(book, i, seed + 1)
+                r, g, b = 0.1 + 0.5 * h, 0.1 + 0.35 * hash3(book, i, seed + 3), 0.1 + 0.4 * hash3(book, i, seed + 4)
+            else:
+                r, g, b = 0.25 * r, 0.25 * g, 0.25 * b
+    return r, g, b, er, eg, eb, gloss, sunlit, wheel

@@ -1,0 +1,351 @@
+"""A procedural town: what stands where, from a street graph and a seed, and its triangles under an appearance."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+from shapely import Polygon
+
+from sextant.errors import UserError
+from sextant.worlds import buildings as houses
+from sextant.worlds import street_objects as objects
+from sextant.worlds.appearance import Appearance
+from sextant.worlds.blocks import KERB_M, PAVEMENT_M, Ground, Side
+from sextant.worlds.buildings import Buildings, building_mesh, footprints
+from sextant.worlds.lamps import Lamps
+from sextant.worlds.mesh import Mesh, boxes
+from sextant.worlds.renderer import Renderer
+from sextant.worlds.scene import Scene
+from sextant.worlds.shading.noise import value_noise
+from sextant.worlds.street_graph import StreetGraph
+from sextant.worlds.surfaces import Kind, palette, surface_rows
+from sextant.worlds.trees import Trees, tree_mesh
+
+LEAVES = {"fine": 900, "coarse": 80}
+
+
+@dataclass(frozen=True)
+class Objects:
+    """Things that stand about, one row each: x, y, z, heading, seed in [0, 1)."""
+
+    rows: Float64[ndarray, "n 5"]
+
+    @classmethod
+    def of(cls, rows: list[tuple[float, float, float, float, float]]) -> "Objects":
+        """From a list of tuples."""
+        return cls(np.array(rows, float).reshape(-1, 5))
+
+    @property
+    def position(self) -> Float64[ndarray, "n 3"]:
+        """Metres."""
+        return self.rows[:, :3]
+
+    @property
+    def heading(self) -> Float64[ndarray, "n"]:
+        """Radians."""
+        return self.rows[:, 3]
+
+    @property
+    def seed(self) -> Float64[ndarray, "n"]:
+        """In [0, 1)."""
+        return self.rows[:, 4]
+
+    def where(self, chosen: Bool[ndarray, "n"]) -> "Objects":
+        """Some of them."""
+        return Objects(self.rows[chosen])
+
+
+class Town:
+    """A town that is the same for the same graph and seed.
+
+    Args:
+        graph: its streets.
+        seed: what is built along them.
+        detail: ``fine`` for pictures (trees of 520 leaves), ``coarse`` for whole cities.
+        density: how built-up the middle is, 0 a village to 1 a city centre.
+    """
+
+    def __init__(self, graph: StreetGraph, seed: int, *, detail: str = "fine", density: float = 0.75):
+        if detail not in LEAVES:
+            raise UserError(f"town.detail is {detail!r}; it must be one of {', '.join(LEAVES)}")
+        if not 0 <= density <= 1:
+            raise UserError(f"town.density is {density}; it must be from 0 to 1")
+        self.graph, self.seed, self.detail, self.density = graph, seed, detail, density
+        self.ground = Ground(graph)
+
+    # -- what stands where ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def districts(self) -> Float64[ndarray, "b"]:
+        """How built-up each block is, 0 to 1: smooth noise, higher towards the middle; -1 marks a park."""
+        rng = np.random.default_rng([self.seed, 1])
+        left, bottom, right, top = self.graph.bounds
+        centre, radius = np.array([(left + right) / 2, (bottom + top) / 2]), 0.5 * max(right - left, top - bottom, 200.0)
+        values = []
+        for block in self.ground.blocks[:-1]:
+            x, y = block.centroid.x, block.centroid.y
+            noise = value_noise(x / 260.0, y / 260.0, 1000 + self.seed)
+            distance = float(np.hypot(x - centre[0], y - centre[1])) / radius
+            values.append(np.clip(self.density + 0.75 * (noise - 0.5) - 0.35 * max(distance - 0.35, 0), 0.02, 1))
+        town = np.array(values)
+        park = (rng.random(len(town)) < 0.07) & np.array([1500 < b.area < 40000 for b in self.ground.blocks[:-1]], bool)
+        return np.append(np.where(park, -1.0, town), 0.55 * self.density)
+
+    @cached_property
+    def buildings(self) -> Buildings:
+        """Houses along the lot lines of every block."""
+        rng = np.random.default_rng([self.seed, 2])
+        found = [lot for block, density in enumerate(self.districts) if density >= 0 for lot in self._along_lots(block, density, rng)]
+        if not found:
+            raise UserError("no building fits between the streets", "Use larger blocks, say block_m=80.")
+        table = np.array(found)
+        position = np.column_stack([table[:, :2], np.full(len(table), KERB_M)])
+        attached = table[:, 7:9] > 0
+        return houses.design(position, table[:, 2], table[:, 3:5], table[:, 5], attached, table[:, 6] > 0, rng)
+
+    def _along_lots(self, block: int, density: float, rng: np.random.Generator) -> list[list[float]]:
+        """Footprints (x, y, heading, width, depth, density, terraced, joined left, joined right) along each side."""
+        lot = self.ground.lots[block]
+        if lot.is_empty:
+            return []
+        shapely.prepare(lot)
+        rows: list[list[float]] = []
+        taken: list[Polygon] = []
+        for side in self.ground.sides(block):
+            local = float(np.clip(density + 0.12 * rng.normal(), 0.02, 1))
+            terrace = local > 0.5
+            setback = rng.uniform(0.0, 0.4) if terrace else rng.uniform(2.5, 6.0)
+            s, end = (0.3 if terrace else 2.0), -np.inf
+            while s < side.length - 5:
+                width = rng.uniform(7.5, 15) if terrace else rng.uniform(8, 13)
+                if terrace and side.length - s - width < 6:
+                    width = min(side.length - s - 0.3, 20.0)
+                back = setback + (0.0 if terrace else rng.uniform(-0.6, 0.6))
+                outline = _fitting(lot, taken, side, s, width, back, (rng.uniform(10, 14), 8.5, 6.5))
+                if outline is None:
+                    s += 2.5
+                    continue
+                depth = outline.area / width
+                joined = terrace and s - end < 0.1
+                if joined:
+                    rows[-1][8] = 1.0
+                taken.append(shapely.buffer(outline, -0.05 if terrace else 1.2, join_style="mitre"))
+                x, y = side.at(s + width / 2, back + depth / 2)
+                rows.append([x, y, side.heading, width, depth, local, float(terrace), float(joined), 0.0])
+                end = s + width
+                s = end + (0.02 if terrace and rng.random() > 0.06 else rng.uniform(2.5, 7.0))
+        return rows
+
+    @cached_property
+    def _footprints(self) -> shapely.STRtree:
+        return shapely.STRtree(shapely.polygons(footprints(self.buildings).astype(np.float64)))
+
+    def _clear(self, points: Float64[ndarray, "n 2"], metres: float) -> Bool[ndarray, "n"]:
+        """Which points keep a distance from every house."""
+        if not len(points):
+            return np.zeros(0, bool)
+        near = self._footprints.query(shapely.points(points), predicate="dwithin", distance=metres)[0]
+        clear = np.ones(len(points), bool)
+        clear[near] = False
+        return clear
+
+    @cached_property
+    def trees(self) -> Trees:
+        """Trees along pavements, in gardens, parks and the country."""
+        rng = np.random.default_rng([self.seed, 3])
+        rows: list[tuple[float, float, float, float]] = []  # x, y, size, conifer
+        for block, density in enumerate(self.districts):
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.75, shortest_m=16):
+                if rng.random() < 0.62:
+                    gap = rng.uniform(9, 15)
+                    for s in np.arange(6 + rng.uniform(0, 4), side.length - 6, gap):
+                        if rng.random() < 0.85:
+                            x, y = side.at(s, rng.uniform(-0.1, 0.15))
+                            rows.append((x, y, rng.uniform(0.5, 0.8), 0.0))
+            if block < len(self.districts) - 1:
+                rows += self._garden_trees(self.ground.lots[block], float(density), rng)
+        rows += self._country_trees(rng)
+        table = np.array(rows).reshape(-1, 4)
+        keep = self._clear(table[:, :2], 1.6)
+        street = shapely.contains_xy(self.ground.roads, table[:, 0], table[:, 1])
+        table = table[keep & ~street]
+        n = len(table)
+        position = np.column_stack([table[:, :2], np.full(n, KERB_M)])
+        return Trees(position, rng.uniform(0, 2 * np.pi, n), table[:, 2], table[:, 3] > 0, rng.random(n))
+
+    @staticmethod
+    def _garden_trees(lot: Polygon, density: float, rng: np.random.Generator) -> list[tuple[float, float, float, float]]:
+        if lot.is_empty:
+            return []
+        every = 110.0 if density < 0 else 260.0 + 500.0 * density  # square metres a tree
+        left, bottom, right, top = lot.bounds
+        n = int((right - left) * (top - bottom) / every)
+        points = rng.uniform((left, bottom), (right, top), (n, 2))
+        within = shapely.contains_xy(lot.buffer(-1.5), points[:, 0], points[:, 1])
+        size = rng.uniform(0.55, 1.25, n)
+        conifer = rng.random(n) < 0.16
+        return [(*points[i], size[i], float(conifer[i])) for i in np.flatnonzero(within)]
+
+    def _country_trees(self, rng: np.random.Generator) -> list[tuple[float, float, float, float]]:
+        """Woods and lone trees around the town, thinning out."""
+        left, bottom, right, top = self.graph.bounds
+        area = (right - left + 800) * (top - bottom + 800) - (right - left) * (top - bottom)
+        n = int(min(area / 420, 5000 if self.detail == "fine" else 9000))
+        points = rng.uniform((left - 400, bottom - 400), (right + 400, top + 400), (n, 2))
+        outer = self.ground.lots[-1]
+        shapely.prepare(outer)
+        within = shapely.contains_xy(outer, points[:, 0], points[:, 1])
+        rows = []
+        for i in np.flatnonzero(within):
+            wood = value_noise(points[i, 0] / 70.0, points[i, 1] / 70.0, 2000 + self.seed)
+            if rng.random() < (0.9 if wood > 0.62 else 0.12):
+                rows.append((*points[i], rng.uniform(0.8, 1.5), float(rng.random() < 0.15 + 0.9 * (wood > 0.75))))
+        return rows
+
+    @cached_property
+    def lamps(self) -> Objects:
+        """Street lamps by the kerb, reaching over the road."""
+        rng = np.random.default_rng([self.seed, 4])
+        return Objects.of([
+            (*side.at(s, 0.0), KERB_M, side.heading - np.pi / 2, rng.random())
+            for block in range(len(self.ground.blocks))
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.45, shortest_m=10)
+            for s in np.arange(8 + 20 * (block % 2), side.length - 2, 32.0)
+        ])  # fmt: skip
+
+    @cached_property
+    def signs(self) -> Objects:
+        """Traffic signs near corners, facing those who drive on the right."""
+        rng = np.random.default_rng([self.seed, 5])
+        rows = []
+        for block in range(len(self.ground.blocks)):
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.4, shortest_m=18):
+                if rng.random() < 0.55:
+                    rows.append((*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random()))
+        return Objects.of(rows)
+
+    @cached_property
+    def benches(self) -> Objects:
+        """Benches on pavements and along the edges of parks."""
+        rng = np.random.default_rng([self.seed, 6])
+        rows = []
+        for block, density in enumerate(self.districts):
+            for side in self.ground.sides(block, shortest_m=14):
+                if rng.random() < (0.9 if density < 0 else 0.12):
+                    rows.append((*side.at(rng.uniform(4, side.length - 4), -0.5), KERB_M, side.heading - np.pi / 2, rng.random()))
+        return Objects.of(rows)
+
+    @cached_property
+    def hedges(self) -> Mesh:
+        """Hedges and fences along the gardens of detached houses."""
+        rng = np.random.default_rng([self.seed, 7])
+        b = self.buildings
+        garden = np.flatnonzero(~b.attached.any(1) & (rng.random(len(b)) < 0.7))
+        base, size, heading, kind = [], [], [], []
+        for i in garden:
+            w, d, _ = b.size[i]
+            for x, wide in ((-0.32 * w - 0.8, 0.36 * w), (0.32 * w + 0.8, 0.36 * w)):
+                y = -d / 2 - 2.1
+                c, s = np.cos(b.heading[i]), np.sin(b.heading[i])
+                base.append([b.position[i, 0] + c * x - s * y, b.position[i, 1] + s * x + c * y, KERB_M])
+                tall = 0.9 + 0.7 * b.seed[i]
+                hedge = b.seed[i] < 0.65
+                size.append([wide, 0.55 if hedge else 0.06, tall])
+                heading.append(b.heading[i])
+                kind.append(Kind.HEDGE if hedge else Kind.FENCE)
+        if not base:
+            return Mesh.empty()
+        where = np.array(base)
+        is_hedge = np.array(kind) == Kind.HEDGE
+        colour = np.where(is_hedge[:, None], palette("#4d6b2f"), palette("#b9ab8f", "#6b4a32", "#d8d4c8")[(rng.random(len(where)) * 3).astype(int)])
+        rows = surface_rows(Kind.HEDGE, len(where), seed=rng.random(len(where)), colour=colour, origin=where, heading=np.array(heading))
+        rows[:, 0] = kind
+        clear = self._clear(where[:, :2], 0.4) & ~shapely.contains_xy(self.ground.roads, where[:, 0], where[:, 1])
+        return boxes(where[clear], np.array(size)[clear], np.array(heading)[clear], rows[clear])
+
+    @cached_property
+    def parking(self) -> Objects:
+        """Places where a car may stand, half on the pavement; the seed tells who is there."""
+        rng = np.random.default_rng([self.seed, 8])
+        rows = []
+        for block in range(len(self.ground.blocks)):
+            for side in self.ground.sides(block, inset=-PAVEMENT_M, shortest_m=24):
+                s = 9.0
+                while s < side.length - 11:
+                    x, y = side.at(s + 2.6, -0.62)
+                    rows.append((x, y, 0.0, side.heading + np.pi * (rng.random() < 0.08), rng.random()))
+                    s += rng.uniform(5.4, 6.6)
+        return Objects.of(rows)
+
+    # -- appearance ----------------------------------------------------------------------------------------------------
+
+    def mesh(self, appearance: Appearance) -> Mesh:
+        """All triangles of the town as ``appearance`` leaves it."""
+        a, fine = appearance, self.detail == "fine"
+        change = [self.seed, 50, a.change_seed]
+        repaint = np.random.default_rng([*change, 1]).random(len(self.buildings)) < a.facades_changed
+        cars = self._parked(a)
+        green = [bool(d < 0.62) for d in self.districts]
+        return Mesh.join([
+            self.ground.mesh(green),
+            building_mesh(self.buildings, repaint, a.change_seed),
+            tree_mesh(self.trees, a.foliage_density, LEAVES[self.detail]),
+            objects.lamp_mesh(self.lamps.position, self.lamps.heading),
+            objects.sign_mesh(self.signs.position, self.signs.heading, self.signs.seed),
+            objects.bench_mesh(self.benches.position, self.benches.heading),
+            self.hedges,
+            objects.car_mesh(cars.position, cars.heading, cars.seed, fine=fine),
+            self._traffic(a, fine),
+        ])  # fmt: skip
+
+    def _parked(self, a: Appearance) -> Objects:
+        """Parked cars: six places in ten are taken; a share ``cars_moved`` of the places is drawn anew."""
+        places = self.parking
+        rng = np.random.default_rng([self.seed, 51, a.change_seed])
+        again = rng.random(len(places.rows)) < a.cars_moved
+        rows = places.rows.copy()
+        rows[again, 4] = rng.random(int(again.sum()))
+        return Objects(rows).where((rows[:, 4] * 7919 % 1) < 0.6)
+
+    def _traffic(self, a: Appearance, fine: bool) -> Mesh:
+        """Moving cars in the lanes and people on the pavements."""
+        if a.traffic_per_100m == 0:
+            return Mesh.empty()
+        rng = np.random.default_rng([self.seed, 52, a.change_seed])
+        graph = self.graph
+        n = rng.poisson(graph.length_m / 100 * a.traffic_per_100m)
+        edge: Int64[ndarray, "n"] = rng.choice(len(graph.edges), n, p=graph.lengths / graph.lengths.sum())
+        start, end = graph.nodes[graph.edges[edge, 0]], graph.nodes[graph.edges[edge, 1]]
+        along = (end - start) / graph.lengths[edge, None]
+        way = np.where(rng.random(n) < 0.5, 1.0, -1.0)
+        right = np.stack([along[:, 1], -along[:, 0]], -1) * way[:, None]
+        walks = rng.random(n) < 0.6
+        aside = np.where(walks, graph.widths[edge] / 2 + rng.uniform(0.6, 2.2, n), graph.widths[edge] / 4)
+        place = start + along * (rng.uniform(0.08, 0.92, n) * graph.lengths[edge])[:, None] + right * aside[:, None]
+        heading = np.arctan2(along[:, 1], along[:, 0]) + np.where(way > 0, 0.0, np.pi)
+        seed = rng.random(n)
+        position = np.column_stack([place, np.where(walks, KERB_M, 0.0)])
+        return Mesh.join([
+            objects.person_mesh(position[walks], heading[walks], seed[walks]),
+            objects.car_mesh(position[~walks], heading[~walks], seed[~walks], fine=fine, moving=True),
+        ])  # fmt: skip
+
+    def renderer(self, appearance: Appearance) -> Renderer:
+        """A renderer of the town as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
+        lights = objects.lamp_lights(self.lamps.position, self.lamps.heading)
+        return Renderer(Scene(self.mesh(appearance)), Lamps.at(lights))
+
+
+def _fitting(
+    lot: Polygon, taken: list[Polygon], side: Side, s: float, width: float, back: float, depths: tuple[float, ...]
+) -> Polygon | None:
+    """The deepest of the rectangles at ``s`` along ``side`` that lies within the lot and off what is taken."""
+    for depth in depths:
+        corners = [side.at(s, back), side.at(s + width, back), side.at(s + width, back + depth), side.at(s, back + depth)]
+        outline = Polygon(corners)
+        if lot.contains(outline) and not any(outline.intersects(other) for other in taken):
+            return outline
+    return None

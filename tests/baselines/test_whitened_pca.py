@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+from sklearn.exceptions import NotFittedError
+
+from sextant.baselines import Pixels, WhitenedPCA
+from sextant.baselines.descriptor import unit_norm
+
+
+@pytest.fixture
+def images():
+    """Smooth random images, whose components differ in variance."""
+    rng = np.random.default_rng(0)
+    coarse = rng.normal(size=(90, 4, 8)).repeat(8, 1).repeat(8, 2) + 0.3 * rng.normal(size=(90, 32, 64))
+    return np.clip(127 + 40 * coarse, 0, 255).astype(np.uint8)[..., None]
+
+
+def test_it_is_the_singular_value_decomposition_of_the_centred_pixels(images):
+    pixels = Pixels().describe(images).astype(float)
+    u, _, _ = np.linalg.svd(pixels - pixels.mean(0), full_matrices=False)
+    expected = unit_norm(u[:, :10].astype(np.float32))
+    described = WhitenedPCA(dimensions=10).fit(images).describe(images)
+    np.testing.assert_allclose(described @ described.T, expected @ expected.T, atol=1e-3)  # signs are free
+
+
+def test_rows_have_norm_one(images):
+    described = WhitenedPCA(dimensions=12).fit(images[:60]).describe(images[60:])
+    np.testing.assert_allclose(np.linalg.norm(described, axis=1), 1, atol=1e-5)
+
+
+def test_it_is_learnt_from_the_reference_alone(images):
+    fitted = WhitenedPCA(dimensions=12).fit(images[:60])
+    before = fitted.describe(images[:5])
+    fitted.describe(255 - images)
+    assert np.array_equal(fitted.describe(images[:5]), before)
+
+
+def test_a_long_reference_is_thinned_evenly(images):
+    thinned = WhitenedPCA(dimensions=12, most_images=45).fit(images)
+    by_hand = WhitenedPCA(dimensions=12).fit(images[::2])
+    assert np.array_equal(thinned.describe(images), by_hand.describe(images))
+
+
+def test_more_dimensions_than_images_are_refused(images):
+    with pytest.raises(ValueError, match="dimensions=90 needs more reference images than that; got 90"):
+        WhitenedPCA(dimensions=90).fit(images)
+
+
+def test_images_that_span_too_little_are_refused(images):
+    with pytest.raises(ValueError, match="dimensions=20, but the reference images span only 7 directions"):
+        WhitenedPCA(dimensions=20).fit(np.tile(images[:8], (5, 1, 1, 1)))
+
+
+def test_it_must_be_fitted_first(images):
+    with pytest.raises(NotFittedError, match="fit was not called"):
+        WhitenedPCA().describe(images)

@@ -1,0 +1,155 @@
+"""``sextant data``: list, render, verify."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rendered_toy import ToyPlan, contents
+
+from sextant import cli
+from sextant.data.rendered import open_store
+
+ROOT = Path(__file__).parents[2]
+TOY = ["dataset=digits", "dataset._target_=rendered_toy.ToyWorld", "dataset.size=22"]
+
+
+@pytest.fixture
+def data(monkeypatch, capsys, tmp_path):
+    """Run the verb with outputs in a folder of the test's own; returns exit status and what was said."""
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path))
+
+    def run(*arguments):
+        status = 0
+        try:
+            cli.run("data", list(arguments))
+        except SystemExit as ended:
+            status = ended.code
+        said = capsys.readouterr()
+        return status, said.out + said.err
+
+    return run
+
+
+def test_render_then_list_then_verify(data, tmp_path):
+    assert "nothing is rendered" in data("list")[1]
+    status, said = data("render", *TOY, "threads=2")
+    assert status == 0
+    for text in ("images", "22", "street km", "1.25", "train 20, test 2", "sun, rain", "images/s", str(tmp_path)):
+        assert text in said
+    open_store(ToyPlan(), tmp_path / "whole").fill()
+    assert contents(tmp_path / "data") == contents(tmp_path / "whole")
+    assert "all were rendered before" in data("render", *TOY)[1]
+    status, said = data("list")
+    assert "22/22" in said
+    assert "complete" in said
+    for name in ("toy", f"toy-{ToyPlan().digest[:8]}", str(tmp_path / "data" / f"toy-{ToyPlan().digest[:8]}")):
+        status, said = data("verify", name)
+        assert (status, "sound, 6 chunks, 22 of 22" in said) == (0, True)
+
+
+def test_damage_is_named_repaired_and_rendered_again(data, tmp_path):
+    data("render", *TOY)
+    path = next((tmp_path / "data").glob("toy-*/image.npy"))
+    before = path.read_bytes()
+    path.write_bytes(before[: 128 + 90 * 9] + b"damage" + before[128 + 90 * 9 + 6 :])
+    status, said = data("verify", "toy")
+    assert status == 1
+    assert "damaged image chunk 2: items 8 to 11" in said
+    assert "repair=true" in said
+    status, said = data("verify", "toy", "repair=true")
+    assert status == 0
+    assert "sextant data render dataset=toy" in said
+    assert "18/22" in data("list")[1]
+    assert data("verify", "toy")[0] == 0
+    data("render", *TOY)
+    assert path.read_bytes() == before
+
+
+def test_a_damaged_store_is_listed_as_such(data, tmp_path):
+    data("render", *TOY)
+    manifest = next((tmp_path / "data").glob("toy-*/manifest.json"))
+    manifest.write_text("{")
+    assert "damaged: sextant data verify" in data("list")[1]
+    status, said = data("render", *TOY)
+    assert status == 2
+    assert "the manifest cannot be read" in said
+    assert data("verify", manifest.parent.name)[0] == 1
+    assert data("verify", manifest.parent.name, "repair=true")[0] == 0
+    assert "to be laid out anew" in data("list")[1]
+    assert "all were rendered before" in data("render", *TOY)[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["burn"], "data burn: not understood"),
+        (["list", "dataset=mnist"], "dataset=mnist: not understood"),
+        (["render"], "which dataset?"),
+        (["render", "dataset=mnist"], "dataset=mnist is not rendered: there is nothing to do\nRendered datasets: "),
+        (["render", "dataset=mnits"], "Did you mean dataset=mnist?"),
+        (["render", *TOY, "threads=none"], "threads=none must be a number from 1 to 256"),
+        (["render", "dataset=digits", "dataset._target_=rendered_toy.Nothing"], "cannot be built"),
+        (["render", *TOY, "dataset.size=0"], "no item"),
+        (["render", *TOY, "paths.cache=/proc/sextant"], "/proc/sextant cannot be written to"),
+        (["verify"], "which store?"),
+        (["verify", "nothing"], "nothing: no store of that name"),
+        (["verify", "nothing", "repair=maybe"], "repair=maybe must be true or false"),
+        (["verify", "nothing", "repiar=true"], "Did you mean repair=true?"),
+    ],
+)
+def test_mistakes(arguments, said, data):
+    status, told = data(*arguments)
+    assert status == 2
+    assert said in told
+    assert "Traceback" not in told
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["render", "-h"], ["verify", "--help"]])
+def test_help(arguments, data):
+    status, said = data(*arguments)
+    assert status == 0
+    assert "sextant data verify" in said
+
+
+def test_a_name_that_several_stores_share_is_told(data):
+    data("render", *TOY)
+    data("render", *TOY, "dataset.size=23")
+    status, said = data("verify", "toy")
+    assert status == 2
+    assert "several stores" in said
+
+
+def test_ctrl_c_says_how_far_it_was_and_the_same_command_resumes(tmp_path):
+    environment = {**os.environ, "SEXTANT_OUTPUTS": str(tmp_path), "PYTHONPATH": str(ROOT / "tests")}
+    code = "import sys; from sextant.cli import run; run('data', sys.argv[1:])"
+    command = [sys.executable, "-c", code, "render", *TOY, "dataset.size=4000", "+dataset.pause_s=0.02", "threads=2"]
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path
+    )
+    deadline = time.monotonic() + 120
+    while not any(path.stat().st_size for path in tmp_path.glob("data/*/journal.jsonl")):
+        assert time.monotonic() < deadline
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert "Traceback" not in said
+    assert said.startswith("interrupted: ")
+    assert "of 4,000 rendered; the same command resumes" in said
+
+
+def test_nothing_heavy_is_imported(tmp_path):
+    environment = {**os.environ, "SEXTANT_OUTPUTS": str(tmp_path), "PYTHONPATH": str(ROOT / "tests")}
+    code = (
+        "import sys; from sextant.cli import run\n"
+        "run('data', sys.argv[1:])\n"
+        "print(sorted({'torch', 'pytorch_lightning', 'mlflow', 'sklearn'} & set(sys.modules)))"
+    )
+    command = [sys.executable, "-c", code, "render", *TOY]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines()[-1] == "[]", done.stderr
