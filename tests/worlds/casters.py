@@ -4,7 +4,7 @@ import numpy as np
 
 
 class Circle:
-    """The inside of a vertical cylinder around the origin."""
+    """A vertical cylinder around the origin, seen from both sides."""
 
     def __init__(self, radius):
         self.radius = radius
@@ -13,7 +13,9 @@ class Circle:
         p, d = origins[:, :2], directions[:, :2]
         along = (p * d).sum(axis=1)
         square = along**2 - (p**2).sum(axis=1) + self.radius**2
-        return np.where(square < 0, np.inf, -along + np.sqrt(np.maximum(square, 0)))
+        half = np.sqrt(np.maximum(square, 0))
+        near, far = -along - half, -along + half
+        return np.where((square < 0) | (far <= 0), np.inf, np.where(near > 0, near, far))
 
 
 class Boxes:

@@ -91,14 +91,88 @@ class ImageFolder(Part):
     test_fraction: Share = Field(examples=[0.2])
 
 
+class BySplit(Node):
+    """A number for each split."""
+
+    train: Count = Field(examples=[400])
+    val: Count = Field(examples=[60])
+    test: Count = Field(examples=[100])
+
+
+ImageSide = Annotated[int, Field(ge=16, le=4096)]
+Samples = Literal[1, 4, 9, 16]
+BlockSide = Annotated[float, Field(ge=60, le=400)]
+Conditions = Annotated[list[str | dict[str, Any]], Field(min_length=1, examples=["[summer_noon,winter_dusk]"])]
+
+
+class TownPanoramas(Part):
+    """Panoramas of procedural towns."""
+
+    target: Literal["sextant.data.worlds.TownPanoramas"] = Field(alias="_target_")
+    images: BySplit
+    towns: BySplit
+    height: ImageSide = Field(examples=[512])
+    samples: Samples = Field(examples=[4])
+    conditions: Conditions
+    size_m: Annotated[float, Field(ge=200, le=5000)] = Field(examples=[380.0])
+    block_m: BlockSide = Field(examples=[85.0])
+    seed: Seed = Field(examples=[0])
+
+    @model_validator(mode="after")
+    def _a_town_has_panoramas(self) -> Self:
+        for split in ("train", "val", "test"):
+            if getattr(self.towns, split) > getattr(self.images, split):
+                raise ValueError(
+                    f"dataset.towns.{split}={getattr(self.towns, split)} is more than dataset.images.{split}="
+                    f"{getattr(self.images, split)}: a town needs a panorama"
+                )
+        return self
+
+
+class TownSeasons(Part):
+    """The same streets under several conditions."""
+
+    target: Literal["sextant.data.worlds.TownSeasons"] = Field(alias="_target_")
+    frames: BySplit
+    step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[64])
+    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
+    samples: Samples = Field(examples=[4])
+    conditions: Conditions
+    block_m: BlockSide = Field(examples=[90.0])
+    seed: Seed = Field(examples=[0])
+
+
+class TownCity(Part):
+    """A city seen from everywhere."""
+
+    target: Literal["sextant.data.worlds.TownCity"] = Field(alias="_target_")
+    images: Count = Field(examples=[172000])
+    headings: Annotated[int, Field(ge=1, le=72)] = Field(examples=[8])
+    size_m: Annotated[float, Field(ge=300, le=10000)] = Field(examples=[2950.0])
+    block_m: BlockSide = Field(examples=[92.0])
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[64])
+    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
+    samples: Samples = Field(examples=[1])
+    conditions: Conditions
+    query_frames: Annotated[int, Field(ge=0)] = Field(examples=[1000])
+    query_step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[2.0])
+    seed: Seed = Field(examples=[0])
+
+
 Dataset = Annotated[
     Annotated[Digits, Tag("sextant.data.digits.Digits")]
     | Annotated[MNIST, Tag("sextant.data.mnist.MNIST")]
     | Annotated[FashionMNIST, Tag("sextant.data.mnist.FashionMNIST")]
     | Annotated[CIFAR10, Tag("sextant.data.cifar10.CIFAR10")]
     | Annotated[ImageFolder, Tag("sextant.data.image_folder.ImageFolder")]
+    | Annotated[TownPanoramas, Tag("sextant.data.worlds.TownPanoramas")]
+    | Annotated[TownSeasons, Tag("sextant.data.worlds.TownSeasons")]
+    | Annotated[TownCity, Tag("sextant.data.worlds.TownCity")]
     | Annotated[CustomPart, Tag("custom")],
-    _choose_part(Digits, MNIST, FashionMNIST, CIFAR10, ImageFolder),
+    _choose_part(Digits, MNIST, FashionMNIST, CIFAR10, ImageFolder, TownPanoramas, TownSeasons, TownCity),
 ]
 
 # -------------------------------------------------------------------------------------------------------- corruptions

@@ -1,7 +1,7 @@
 """A planar laser scanner."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from numpy import ndarray
 from sextant.errors import UserError
 
 
+@runtime_checkable
 class RayCaster(Protocol):
     """Anything that rays can be shot at."""
 

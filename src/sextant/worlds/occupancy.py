@@ -162,7 +162,7 @@ def occupancy_from_scene(
     """
     blank = _blank(bounds, resolution_m)
     cells = np.full(blank.cells.shape, FREE, np.uint8)
-    rows, columns = cells.shape
+    rows, columns = blank.cells.shape
     width, depth = columns * resolution_m, rows * resolution_m
     x, y = blank.origin
     middle_y = y + (np.arange(rows) + 0.5) * resolution_m

@@ -117,10 +117,10 @@ def _bend(
 
 
 def _inwards(move: Float[ndarray, "rows columns 2"]) -> Float[ndarray, "rows columns 2"]:
-    """The moves, with those of the border turned inwards."""
-    turned = move.copy()
-    turned[:, 0, 0], turned[:, -1, 0] = np.abs(move[:, 0, 0]), -np.abs(move[:, -1, 0])
-    turned[0, :, 1], turned[-1, :, 1] = np.abs(move[0, :, 1]), -np.abs(move[-1, :, 1])
+    """The moves in blocks, with those of the border turned inwards and shorter than half a block."""
+    turned, inwards = move.copy(), np.minimum(np.abs(move), 0.45)
+    turned[:, 0, 0], turned[:, -1, 0] = inwards[:, 0, 0], -inwards[:, -1, 0]
+    turned[0, :, 1], turned[-1, :, 1] = inwards[0, :, 1], -inwards[-1, :, 1]
     return turned
 
 
@@ -132,7 +132,7 @@ def _settle(
     for _ in range(64):
         bad = _offending(regular + move, min(MIN_EDGE_M, 0.6 * spacing_m))
         if not bad.any():
-            return regular + move
+            return np.asarray(regular + move)
         padded = np.pad(bad, 1)
         move[padded[:-1, :-1] | padded[1:, :-1] | padded[:-1, 1:] | padded[1:, 1:]] *= 0.5
     return np.asarray(regular)  # not reached: the moves have shrunk by 2**-64

@@ -4,6 +4,7 @@ from math import exp, floor, log, pow, sqrt
 
 from sextant.worlds.shading.compiled import compiled
 from sextant.worlds.shading.ground import puddle
+from sextant.worlds.shading.interior import indoor_light
 from sextant.worlds.shading.look import (
     BOUNCE_B, BOUNCE_G, BOUNCE_R, FOG, FOG_B, FOG_G, FOG_R, HORIZON_B, HORIZON_G, HORIZON_R, INDOOR, LAMPS, SNOW, SUN_B, SUN_G,
     SUN_R, SUN_X, SUN_Y, SUN_Z, WET, ZENITH_B, ZENITH_G, ZENITH_R,
@@ -146,13 +147,10 @@ def shade(
             row, t, x, y, z, nx, ny, nz, dx, dy, dz, sun_x, sun_y, sun_z, footprint, look
         )
         if indoor:
-            level = (0.42 + 0.2 * max(nz, 0.0) - 0.12 * max(-nz, 0.0) + 0.16 * abs(nx)) * look[LAMPS]
-            day = 0.22 + 0.1 * abs(ny)
-            cr, cg, cb = r * (level + day * look[ZENITH_R] * 1.6) + er, g * (0.97 * level + day * look[ZENITH_G]) + eg, b * (0.9 * level + day * look[ZENITH_B]) + eb
-            if gloss > 0.0:
-                k = gloss * (0.04 + 0.5 * pow(1.0 + along, 4.0))
-                cr, cg, cb = cr + k * 0.5, cg + k * 0.5, cb + k * 0.5
-            radiance[i, 0], radiance[i, 1], radiance[i, 2] = cr, cg, cb
+            cr, cg, cb = indoor_light(
+                row, r, g, b, gloss, x, y, z, nx, ny, nz, dx, dy, dz, along, lamps, lamp_cells, lamp_origin, look
+            )
+            radiance[i, 0], radiance[i, 1], radiance[i, 2] = cr + er, cg + eg, cb + eb
             continue
         round_x, round_y, round_z = nx, ny, nz
         leafy = kind == LEAVES or kind == CONIFER

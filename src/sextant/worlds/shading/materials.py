@@ -5,14 +5,14 @@ from math import floor, sqrt
 from sextant.worlds.shading.compiled import compiled
 from sextant.worlds.shading.facade import facade, wall_colour
 from sextant.worlds.shading.ground import asphalt, field, grass, pavement, road
+from sextant.worlds.shading.interior import WALL, interior
 from sextant.worlds.shading.look import AUTUMN, INDOOR, LIT, NIGHT
 from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, keep, smoothstep, value_noise
 from sextant.worlds.surfaces import BLUE, BLUE2, COS, GREEN, GREEN2, KIND, P0, RED, RED2, SEED, SIN, Kind, X, Y, Z
 
 (
     PLAIN, FACADE, ROOF, ROAD, PAVEMENT, GRASS, KERB, BARK, LEAVES, CONIFER, CAR, HEDGE, SIGN, LAMP, PERSON, FIELD, AWNING, FENCE,
-    WALL, FLOOR, CEILING, DOOR, WOOD, POSTER, SCREEN, WINDOW, SHELF,
-) = (int(kind) for kind in Kind)  # fmt: skip
+) = (int(kind) for kind in list(Kind)[:WALL])  # fmt: skip
 
 
 @compiled
@@ -159,91 +159,6 @@ def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footpri
         if u / 0.12 - floor(u / 0.12) < 0.12:
             k *= 1.0 - 0.5 * keep(footprint, 0.1)
         r, g, b = r * k, g * k, b * k
-    elif kind == WALL:
-        k = 0.985 + 0.03 * value_noise(u * 0.7, oz * 0.7, seed)
-        r, g, b = r * k, g * k, b * k
-        if oz < row[P0 + 2]:
-            r, g, b = row[RED2], row[GREEN2], row[BLUE2]
-        corner = min(min(u, row[P0] - u), 0.6)
-        level = min(min(oz, row[P0 + 1] - oz), 0.6)
-        k = (0.72 + 0.28 * smoothstep(0.0, 0.6, corner)) * (0.78 + 0.22 * smoothstep(0.0, 0.5, level))
-        r, g, b = r * k, g * k, b * k
-    elif kind == FLOOR:
-        style = int(row[P0])
-        if style == 1:
-            i, j = floor(u / 0.6), floor(w / 0.6)
-            k = 0.92 + 0.12 * hash3(i, j, seed)
-            if u / 0.6 - i < 0.012 or w / 0.6 - j < 0.012:
-                k *= 1.0 - 0.35 * keep(footprint, 0.05)
-            gloss = 0.12
-        elif style == 2:
-            i = floor(w / 0.14)
-            j = floor(u / 1.6 + hash3(i, 99, seed))
-            k = 0.8 + 0.4 * hash3(i, j, seed) + 0.1 * value_noise(u * 3.0, w * 40.0, seed) * keep(footprint, 0.05)
-            gloss = 0.08
-        else:
-            k = 0.9 + 0.2 * fractal_noise(u * 1.5, w * 1.5, seed, 2) + 0.25 * keep(footprint, 0.03) * (value_noise(u * 60.0, w * 60.0, seed) - 0.5)
-        r, g, b = r * k, g * k, b * k
-    elif kind == CEILING:
-        side = row[P0]
-        i, j = floor(u / side), floor(w / side)
-        fu, fw = u / side - i, w / side - j
-        if (i + 2 * j) % 4 == 0 and fu > 0.06 and fu < 0.94 and fw > 0.25 and fw < 0.75 and row[P0 + 1] > 0.0:
-            e = 1.7 * row[P0 + 1]
-            er, eg, eb = e, e * 0.98, e * 0.92
-        elif fu < 0.02 or fw < 0.02:
-            k = 1.0 - 0.3 * keep(footprint, 0.05)
-            r, g, b = r * k, g * k, b * k
-    elif kind == DOOR:
-        width, height = row[P0], row[P0 + 1]
-        inset = min(min(u, width - u), height - oz)
-        if inset < 0.07:
-            r, g, b = row[RED2], row[GREEN2], row[BLUE2]
-        elif abs(u - 0.86 * width) < 0.07 and abs(oz - 1.05) < 0.02:
-            r, g, b, gloss = 0.45, 0.45, 0.46, 0.3
-        elif row[SEED] > 0.6 and abs(u - 0.5 * width) < 0.12 and oz > 1.2 and oz < 1.85:
-            r, g, b, gloss = 0.1, 0.11, 0.12, 0.6
-        elif abs(u - 0.5 * width) < 0.09 and abs(oz - 1.62) < 0.04 and row[SEED] <= 0.6:
-            r, g, b = 0.75, 0.75, 0.72
-    elif kind == WOOD:
-        k = 0.8 + 0.3 * value_noise(u * 2.5, (w + oz) * 28.0, seed)
-        r, g, b = r * k, g * k, b * k
-        gloss = 0.04
-    elif kind == POSTER:
-        width, height = row[P0], row[P0 + 1]
-        if min(min(u, width - u), min(oz, height - oz)) < 0.04:
-            r, g, b = 0.75, 0.75, 0.73
-        else:
-            i, j = floor(u / width * 5.0), floor(oz / height * 7.0)
-            if hash3(i, j, seed) > 0.55:
-                r, g, b = row[RED2], row[GREEN2], row[BLUE2]
-            if oz < 0.45 * height and oz / 0.045 - floor(oz / 0.045) < 0.45 and footprint < 0.05:
-                r, g, b = 0.3 * r, 0.3 * g, 0.3 * b
-    elif kind == SCREEN:
-        k = hash3(floor(u / row[P0] * 8.0), floor(oz / row[P0 + 1] * 6.0), seed)
-        e = row[P0 + 2] * (0.15 + 0.6 * k)
-        er, eg, eb, gloss = 0.6 * e, 0.75 * e, e, 0.4
-        r, g, b = 0.02, 0.02, 0.025
-    elif kind == WINDOW:
-        width, height = row[P0], row[P0 + 1]
-        if min(min(u, width - u), min(oz, height - oz)) < 0.06 or abs(u - 0.5 * width) < 0.03:
-            r, g, b = 0.7, 0.7, 0.7
-        else:
-            r, g, b, gloss = 0.02, 0.02, 0.02, 0.25
-            day = 1.0 - look[NIGHT]
-            e = day * (1.1 if oz + 2.0 * dz > 0.9 else 0.45)
-            er, eg, eb = 0.85 * e, 0.95 * e, 1.1 * e
-    elif kind == SHELF:
-        width, height, boards = row[P0], row[P0 + 1], max(row[P0 + 2], 1.0)
-        board = height / boards
-        i = floor(oz / board)
-        fy = oz - i * board
-        if fy > 0.03 and u > 0.03 and u < width - 0.03 and abs(nz) < 0.5:
-            book = floor(u / 0.045)
-            tall = (0.55 + 0.4 * hash3(book, i, seed)) * board
-            if fy < tall and hash3(floor(u / 0.4), i, seed + 2) > 0.25:
-                h = hash3(book, i, seed + 1)
-                r, g, b = 0.1 + 0.5 * h, 0.1 + 0.35 * hash3(book, i, seed + 3), 0.1 + 0.4 * hash3(book, i, seed + 4)
-            else:
-                r, g, b = 0.25 * r, 0.25 * g, 0.25 * b
+    elif kind >= WALL:
+        r, g, b, er, eg, eb, gloss = interior(row, kind, u, w, oz, nx, ny, nz, dx, dy, dz, footprint, look)
     return r, g, b, er, eg, eb, gloss, sunlit, wheel

@@ -1,0 +1,5 @@
+"""Datasets rendered from procedural worlds: no download, exact labels."""
+
+from sextant.data.worlds.towns import TownCity, TownPanoramas, TownSeasons
+
+__all__ = ["TownCity", "TownPanoramas", "TownSeasons"]

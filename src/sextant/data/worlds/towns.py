@@ -1,0 +1,284 @@
+"""Datasets of towns: panoramas, the same streets under seasons, and a whole city."""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.worlds.shots import SPLITS, Shots, WorldPlan
+from sextant.geometry import Camera, EquirectangularCamera, PerspectiveCamera
+from sextant.worlds.appearance import Appearance
+from sextant.worlds.renderer import Renderer
+from sextant.worlds.routes import drive
+from sextant.worlds.street_graph import StreetGraph
+from sextant.worlds.street_layouts import irregular_streets
+from sextant.worlds.tours import random_walk
+from sextant.worlds.town import Town
+
+CAMERA_HEIGHT_M = 1.6
+
+
+def perspective(width: int, height: int, vfov_deg: float) -> PerspectiveCamera:
+    """A pinhole camera."""
+    return PerspectiveCamera.from_vfov(torch.tensor(math.radians(vfov_deg), dtype=torch.float64), width, height)
+
+
+class _TownPlan(WorldPlan):
+    """Towns, one a scene, each with its own streets and its own seed for everything along them."""
+
+    detail = "fine"
+
+    def graph(self, scene: int) -> StreetGraph:
+        """The streets of a town."""
+        raise NotImplementedError
+
+    def town(self, scene: int) -> Town:
+        """A town; no two scenes share a seed."""
+        return Town(self.graph(scene), town_seed(self.config["seed"], scene), detail=self.detail, density=self.density(scene))
+
+    def density(self, scene: int) -> float:
+        """How built-up a town is."""
+        return float(np.random.default_rng([self.config["seed"], 77, scene]).uniform(0.35, 0.95))
+
+    def build(self, scene: int, appearance: Appearance) -> Renderer:
+        """A renderer of one town under an appearance."""
+        return self.town(scene).renderer(appearance)
+
+
+def town_seed(seed: int, scene: int) -> int:
+    """The seed of one town of a dataset: no two scenes of any two datasets below a million share one."""
+    return seed * 1000 + scene
+
+
+class TownPanoramasPlan(_TownPlan):
+    """Upright panoramas on streets and pavements of many towns; see :class:`TownPanoramas`."""
+
+    chunk = 8
+
+    @property
+    def camera(self) -> Camera:
+        """A full panorama."""
+        return EquirectangularCamera(2 * self.config["height"], self.config["height"])
+
+    @cached_property
+    def _scenes_of_split(self) -> list[range]:
+        towns = np.cumsum([0] + [self.config["towns"][split] for split in SPLITS])
+        return [range(a, b) for a, b in zip(towns[:-1], towns[1:], strict=True)]
+
+    def graph(self, scene: int) -> StreetGraph:
+        """Streets of a small town."""
+        return irregular_streets(self.config["size_m"], self.config["block_m"], town_seed(self.config["seed"], scene))
+
+    def lay_out(self) -> Shots:
+        """Panoramas ordered by town and condition, so that one scene serves many in a row."""
+        parts = []
+        place = 0
+        for split, scenes in enumerate(self._scenes_of_split):
+            wanted = self.config["images"][SPLITS[split]]
+            for k, scene in enumerate(scenes):
+                n = wanted * (k + 1) // len(scenes) - wanted * k // len(scenes)
+                rng = np.random.default_rng([self.config["seed"], 78, scene])
+                condition = np.sort(rng.permutation(n) % len(self.appearances))
+                pose = _street_poses(self.graph(scene), n, rng)
+                parts.append(Shots.of(
+                    scene, condition, split, place + np.arange(n), pose,
+                    sun_turn_deg=rng.uniform(-180, 180, n), exposure_ev=rng.normal(0, 0.25, n),
+                ))  # fmt: skip
+                place += n
+        return Shots.join(parts)
+
+    def describe(self) -> dict[str, Any]:
+        """Towns and their size."""
+        graphs = [self.graph(scene) for scenes in self._scenes_of_split for scene in scenes]
+        return _size_facts(graphs) | {"towns": self.config["towns"]}
+
+
+class TownSeasonsPlan(_TownPlan):
+    """Drives through the same streets under several conditions; see :class:`TownSeasons`."""
+
+    chunk = 64
+
+    @property
+    def camera(self) -> Camera:
+        """A camera on the car, looking ahead."""
+        return perspective(self.config["width"], self.config["height"], self.config["vfov_deg"])
+
+    def graph(self, scene: int) -> StreetGraph:
+        """Streets enough for the frames of the split, with room to turn."""
+        block = self.config["block_m"]
+        length = 2.2 * self.config["frames"][SPLITS[scene]] * self.config["step_m"]
+        return irregular_streets(max(4 * block, math.sqrt(length * block / 2) + block), block, town_seed(self.config["seed"], scene))
+
+    def lay_out(self) -> Shots:
+        """Frame ``i`` of every traverse of a split is the same place, driven with another seed."""
+        parts = []
+        for split, name in enumerate(SPLITS):
+            n, step = self.config["frames"][name], self.config["step_m"]
+            graph, seed = self.graph(split), town_seed(self.config["seed"], split)
+            nodes = random_walk(graph, n * step + 200, seed)
+            for k in range(len(self.appearances)):
+                route = drive(graph, nodes, seed=seed * 100 + k)
+                still = np.gradient(route.arc_m, route.times) if len(route.times) > 1 else np.zeros(1)
+                sampled = route.sample_by_distance(step)
+                speed = np.interp(sampled.times, route.times, still)[:n]
+                x, y, heading = sampled.poses[:n].T
+                zero = np.zeros(len(x))
+                pose = np.column_stack([x, y, zero + CAMERA_HEIGHT_M, heading, zero, zero])
+                velocity = np.column_stack([speed * np.cos(heading), speed * np.sin(heading), zero, zero])
+                parts.append(Shots.of(split, k, split, np.arange(n), pose, velocity=velocity))
+        return Shots.join(parts)
+
+    def describe(self) -> dict[str, Any]:
+        """Towns and the length of a traverse."""
+        frames = self.config["frames"]
+        return _size_facts([self.graph(scene) for scene in range(3)]) | {
+            "traverse_kilometres": {name: round(frames[name] * self.config["step_m"] / 1000, 3) for name in SPLITS}
+        }
+
+
+class TownCityPlan(_TownPlan):
+    """A city seen in all directions from all along its streets, and drives through it; see :class:`TownCity`."""
+
+    chunk = 512
+    detail = "coarse"
+
+    @property
+    def camera(self) -> Camera:
+        """One view of many at a position."""
+        return perspective(self.config["width"], self.config["height"], self.config["vfov_deg"])
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """The map, and the queries to find in it."""
+        return ("map", "query")
+
+    def density(self, scene: int) -> float:
+        """Built-up in the middle, gardens at the rim."""
+        return 0.8
+
+    @cached_property
+    def _graph(self) -> StreetGraph:
+        return irregular_streets(self.config["size_m"], self.config["block_m"], town_seed(self.config["seed"], 0))
+
+    def graph(self, scene: int) -> StreetGraph:
+        """The streets of the city."""
+        return self._graph
+
+    def lay_out(self) -> Shots:
+        """Map views position by position along each street, then query drives."""
+        headings, images = self.config["headings"], self.config["images"]
+        positions = math.ceil(images / headings)
+        along = _along_streets(self._graph, positions)
+        turn = 2 * np.pi * np.arange(headings) / headings
+        x, y, street = (np.repeat(column, headings)[:images] for column in along.T)
+        heading = (street + np.tile(turn, positions)[:images] + np.pi) % (2 * np.pi) - np.pi
+        zero = np.zeros(images)
+        pose = np.column_stack([x, y, zero + CAMERA_HEIGHT_M, heading, zero, zero])
+        parts = [Shots.of(0, 0, 0, np.repeat(np.arange(positions), headings)[:images], pose)]
+        frames, step = self.config["query_frames"], self.config["query_step_m"]
+        for k in range(len(self.appearances) if frames else 0):
+            seed = town_seed(self.config["seed"], 500 + k)
+            nodes = random_walk(self._graph, frames * step + 200, seed)
+            route = drive(self._graph, nodes, seed=seed).sample_by_distance(step)
+            qx, qy, heading = route.poses[:frames].T
+            zero = np.zeros(len(qx))
+            pose = np.column_stack([qx, qy, zero + CAMERA_HEIGHT_M, heading, zero, zero])
+            parts.append(Shots.of(0, k, 1, -1, pose))
+        return Shots.join(parts)
+
+    def describe(self) -> dict[str, Any]:
+        """How large the city is."""
+        return _size_facts([self._graph]) | {"positions": math.ceil(self.config["images"] / self.config["headings"])}
+
+
+def _size_facts(graphs: Sequence[StreetGraph]) -> dict[str, Any]:
+    return {
+        "street_kilometres": round(sum(graph.length_m for graph in graphs) / 1000, 3),
+        "square_kilometres": round(sum(graph.area_km2 for graph in graphs), 3),
+    }
+
+
+def _street_poses(graph: StreetGraph, n: int, rng: np.random.Generator) -> Float64[ndarray, "n 6"]:
+    """Places to stand with a camera: in a lane or on a pavement, away from walls, trunks and parked cars."""
+    edge = rng.choice(len(graph.edges), n, p=graph.lengths / graph.lengths.sum())
+    start, end = graph.nodes[graph.edges[edge, 0]], graph.nodes[graph.edges[edge, 1]]
+    along = (end - start) / graph.lengths[edge, None]
+    side = np.stack([along[:, 1], -along[:, 0]], -1) * np.where(rng.random(n) < 0.5, 1, -1)[:, None]
+    half = graph.widths[edge] / 2
+    lateral = np.where(rng.random(n) < 0.6, half * rng.uniform(0.0, 0.45, n), half + rng.uniform(1.4, 1.75, n))
+    share = rng.uniform(10.0, np.maximum(graph.lengths[edge] - 10.0, 11.0)) / graph.lengths[edge]
+    xy = start + along * (share * graph.lengths[edge])[:, None] + side * lateral[:, None]
+    zero = np.zeros(n)
+    return np.column_stack([xy, rng.uniform(1.35, 1.95, n), rng.uniform(-np.pi, np.pi, n), zero, zero])
+
+
+def _along_streets(graph: StreetGraph, positions: int) -> Float64[ndarray, "positions 3"]:
+    """Positions at even distances along all streets, on the right-hand lane; x, y and the street's heading."""
+    ends = np.cumsum(graph.lengths)
+    s = (np.arange(positions) + 0.5) * ends[-1] / positions
+    edge = np.searchsorted(ends, s)
+    start, end = graph.nodes[graph.edges[edge, 0]], graph.nodes[graph.edges[edge, 1]]
+    along = (end - start) / graph.lengths[edge, None]
+    right = np.stack([along[:, 1], -along[:, 0]], -1)
+    offset = s - (ends[edge] - graph.lengths[edge])
+    xy = start + along * offset[:, None] + right * graph.widths[edge, None] / 4
+    return np.column_stack([xy, np.arctan2(along[:, 1], along[:, 0])])
+
+
+class RenderedWorld:
+    """A dataset that is rendered on this machine when it is first needed.
+
+    Args:
+        roots: folders that datasets lie in; stores are kept in the last.
+        config: the keys of the dataset's YAML file.
+    """
+
+    name: str
+    plan_type: type[WorldPlan]
+
+    def __init__(self, *, roots: Sequence[Path], **config: Any):
+        self.cache = Path(roots[-1])
+        self.config: Mapping[str, Any] = config
+
+    def plan(self) -> WorldPlan:
+        """What is rendered, and how."""
+        return self.plan_type(self.name, self.config, list(self.config["conditions"]), self.config["samples"])
+
+
+class TownPanoramas(RenderedWorld):
+    """Upright 2:1 panoramas in many towns; the towns of a split are in no other split, nor are their seeds.
+
+    Keys: ``images`` and ``towns`` by split, ``height`` in pixels, ``samples`` a pixel, ``conditions``, ``size_m``,
+    ``block_m``, ``seed``.
+    """
+
+    name = "town_panoramas"
+    plan_type = TownPanoramasPlan
+
+
+class TownSeasons(RenderedWorld):
+    """Traverses of the same streets under several conditions, with poses; a town of its own for each split.
+
+    Keys: ``frames`` by split, ``step_m`` between frames, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions``,
+    ``block_m``, ``seed``.
+    """
+
+    name = "town_seasons"
+    plan_type = TownSeasonsPlan
+
+
+class TownCity(RenderedWorld):
+    """A city of 8 km2 in 172,000 pictures, ``headings`` at each position, and drives to localize.
+
+    Keys: ``images``, ``headings``, ``size_m``, ``block_m``, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions`` (the
+    first is the map's), ``query_frames`` a condition, ``query_step_m``, ``seed``.
+    """
+
+    name = "town_city"
+    plan_type = TownCityPlan

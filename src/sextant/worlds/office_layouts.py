@@ -1,0 +1,134 @@
+"""Floor plans from a seed: rooms of equal width on both sides of corridors."""
+
+import numpy as np
+from numpy.random import Generator
+
+from sextant.errors import UserError
+from sextant.worlds.office_plan import CEILING_M, WALL_M, Box, Doorway, FloorPlan, Room, RoomKind, doorway, facing, with_windows
+
+#: least and greatest width and depth of a building, metres
+SIZES_M = ((12.0, 200.0), (9.0, 120.0))
+CORRIDOR_M, MODULE_M, DEPTH_M = 1.9, 3.6, 4.8
+
+
+def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
+    """A building of ``size`` metres between its outer walls, the same for the same seed.
+
+    Corridors run along x, as many as give rooms about 4.8 m deep, and are joined by cross corridors. Rooms are of equal
+    width, so that corridors look alike; among the offices there are a kitchen, a hall, laboratories, meeting rooms and
+    stores. Most doors are open; those of stores are shut.
+
+    Raises:
+        UserError: a side is not a number within ``SIZES_M``.
+    """
+    for axis, (value, (low, high)) in enumerate(zip(size, SIZES_M, strict=True)):
+        if not (isinstance(value, int | float) and np.isfinite(value) and low <= value <= high):
+            raise UserError(
+                f"office.size[{axis}] is {value!r}; it must be a number of metres from {low:g} to {high:g}",
+                "Choose for example office.size=[40,16].",
+            )
+    rng = np.random.default_rng([seed, 31])
+    width, height = float(size[0]), float(size[1])
+    levels, depth = _rows(height)
+    pitch = 2 * depth + CORRIDOR_M + 3 * WALL_M
+    corridors = [(0.0, k * pitch + depth + WALL_M, width, k * pitch + depth + WALL_M + CORRIDOR_M) for k in range(levels)]
+    crossings = _crossings(width, levels)
+    rooms = [Room(RoomKind.CORRIDOR, box) for box in corridors]
+    doors: list[Doorway] = []
+    for k in range(levels - 1):
+        for x in crossings:
+            box = (x - CORRIDOR_M / 2, corridors[k][3] + WALL_M, x + CORRIDOR_M / 2, corridors[k + 1][1] - WALL_M)
+            rooms.append(Room(RoomKind.CORRIDOR, box))
+            doors += [doorway(rooms, len(rooms) - 1, end, box[0], box[2], height=CEILING_M) for end in (k, k + 1)]
+    for k in range(levels):
+        for y0, inner in ((k * pitch, k > 0), (corridors[k][3] + WALL_M, k < levels - 1)):
+            cuts = [(x - CORRIDOR_M / 2 - WALL_M, x + CORRIDOR_M / 2 + WALL_M) for x in crossings] if inner else []
+            for low, high in _between(0.0, width, cuts):
+                for box in split(low, high, rng):
+                    rooms.append(Room(RoomKind.OFFICE, (box[0], y0, box[1], y0 + depth)))
+    rooms = name_rooms(rooms, rng)
+    doors += doors_to_corridors(rooms, rng)
+    return FloorPlan(tuple(rooms), tuple(doors), with_windows(rooms, rng))
+
+
+def _rows(height: float) -> tuple[int, float]:
+    """How many corridors fit, and how deep that leaves the rooms."""
+    best = (1, (height - CORRIDOR_M - 2 * WALL_M) / 2)
+    for levels in range(2, 20):
+        depth = (height - levels * (CORRIDOR_M + 2 * WALL_M) - (levels - 1) * WALL_M) / (2 * levels)
+        if depth >= 3.2 and abs(depth - DEPTH_M) < abs(best[1] - DEPTH_M):
+            best = (levels, depth)
+    return best
+
+
+def _crossings(width: float, levels: int) -> list[float]:
+    if levels == 1:
+        return []
+    if width < 24:
+        return [width / 2]
+    return [float(x) for x in np.linspace(0.12 * width, 0.88 * width, max(2, round(width / 25)))]
+
+
+def _between(low: float, high: float, cuts: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    edges = [low] + [x for cut in cuts for x in cut] + [high]
+    return [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= 2.2]
+
+
+def split(low: float, high: float, rng: Generator) -> list[tuple[float, float]]:
+    """Rooms side by side from ``low`` to ``high``: of equal modules, one room in six of two."""
+    count = max(1, round((high - low + WALL_M) / (MODULE_M + WALL_M)))
+    pitch = (high - low + WALL_M) / count
+    found, k = [], 0
+    while k < count:
+        modules = 2 if k + 1 < count and rng.random() < 0.18 else 1
+        found.append((low + k * pitch, low + (k + modules) * pitch - WALL_M))
+        k += modules
+    return found
+
+
+def name_rooms(rooms: list[Room], rng: Generator) -> list[Room]:
+    """Uses for the rooms named offices so far: wide ones become laboratories, halls or meeting rooms."""
+    named, wide_seen, offices = [], 0, [i for i, room in enumerate(rooms) if room.kind is RoomKind.OFFICE]
+    kitchens = set(rng.choice(offices, min(len(offices), 1 + len(offices) // 22), replace=False).tolist()) if offices else set()
+    for i, room in enumerate(rooms):
+        kind = room.kind
+        if kind is RoomKind.OFFICE:
+            if room.area_m2 > 24:
+                kind = (RoomKind.LAB, RoomKind.HALL, RoomKind.MEETING)[wide_seen % 3]
+                wide_seen += 1
+            elif i in kitchens:
+                kind = RoomKind.KITCHEN
+            elif rng.random() < 0.1:
+                kind = RoomKind.STORE if rng.random() < 0.5 else RoomKind.MEETING
+        named.append(Room(kind, room.box))
+    return named
+
+
+def doors_to_corridors(rooms: list[Room], rng: Generator, done: set[int] | None = None) -> list[Doorway]:
+    """A door from every room (but those ``done``) to the corridor it has the longest wall in common with."""
+    doors: list[Doorway] = []
+    corridors = [i for i, room in enumerate(rooms) if room.kind is RoomKind.CORRIDOR]
+    for i, room in enumerate(rooms):
+        if room.kind is RoomKind.CORRIDOR or i in (done or ()):
+            continue
+        common = [(span[1] - span[0], j, span) for j in corridors if (span := facing(room.box, rooms[j].box, WALL_M + 0.01))]
+        if common and max(common)[0] >= 1.2:
+            _, j, (low, high) = max(common)
+            doors.append(_door(rooms, i, j, low, high, rng))
+    return doors
+
+
+def _door(rooms: list[Room], i: int, j: int, low: float, high: float, rng: Generator) -> Doorway:
+    kind, high_end = rooms[i].kind, bool(rng.random() < 0.5)
+    if kind is RoomKind.HALL and high - low > 4:
+        middle = (low + high) / 2
+        return doorway(rooms, i, j, middle - 1.4, middle + 1.4, height=2.4)
+    wide = min(1.7 if kind is RoomKind.LAB else 0.92, high - low - 0.2)
+    inset = min(0.35, (high - low - wide) / 2)
+    start = high - inset - wide if high_end else low + inset
+    shut = kind is RoomKind.STORE or rng.random() < 0.1
+    leaf = "none" if wide > 1.2 else ("closed" if shut else "open")
+    return doorway(rooms, i, j, start, start + wide, leaf=leaf, hinge_high=high_end, angle=float(rng.uniform(1.45, 1.62)))
+
+
+__all__ = ["SIZES_M", "Box", "procedural_plan"]
