@@ -117,8 +117,11 @@ def design(
     return Buildings(position, heading, size, roof, rise, across, storeys, ground, use, window, walls, attached, draw[10])
 
 
-def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int) -> Mesh:
-    """Triangles of all buildings; those in ``repaint`` get other colours, windows and shops than they had."""
+def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int, *, fine: bool = True) -> Mesh:
+    """Triangles of all buildings; those in ``repaint`` get other colours, windows and shops than they had.
+
+    ``fine`` false leaves out what a small picture does not show: the sides of balconies, tops of chimneys.
+    """
     if not len(b):
         return Mesh.empty()
     base = np.random.default_rng([7, len(b)]).random((8, len(b)))
@@ -131,7 +134,7 @@ def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int) -
     trim = TRIM_COLOURS[(style[2] * len(TRIM_COLOURS)).astype(int)]
     door = DOOR_COLOURS[(style[3] * len(DOOR_COLOURS)).astype(int)]
     tile = TILE_COLOURS[(style[5] * len(TILE_COLOURS)).astype(int)] * (0.85 + 0.3 * style[6])[:, None]
-    parts = [_walls(b, colour, door, style[2], seed), _roofs(b, tile, colour, seed), _details(b, colour, trim, tile, seed)]
+    parts = [_walls(b, colour, door, style[2], seed), _roofs(b, tile, colour, seed), _details(b, colour, trim, seed, fine)]
     return Mesh.join(parts)
 
 
@@ -260,8 +263,8 @@ def _details(
     b: Buildings,
     colour: Float64[ndarray, "n 3"],
     trim: Float64[ndarray, "n 3"],
-    tile: Float64[ndarray, "n 3"],
     seed: Float64[ndarray, "n"],
+    fine: bool,
 ) -> Mesh:
     """Chimneys, parapets, cornices, dormers, balconies, awnings and steps: what gives a street its silhouette."""
     w, d, h = b.size.T
@@ -273,7 +276,8 @@ def _details(
     top = h + b.rise
     side = np.where(pick[1] < 0.5, -1.0, 1.0)
     parts.append(_boxes(b, pitched, (side[pitched] * 0.3 * w[pitched], 0.12 * d[pitched], h[pitched]), (0.55, 0.75, 0.9 + b.rise[pitched]), (0.25, 0.12, 0.08)))
-    parts.append(_boxes(b, pitched, (side[pitched] * 0.3 * w[pitched], 0.12 * d[pitched], top[pitched] + 0.9), (0.3, 0.3, 0.3), (0.3, 0.14, 0.09)))
+    if fine:
+        parts.append(_boxes(b, pitched, (side[pitched] * 0.3 * w[pitched], 0.12 * d[pitched], top[pitched] + 0.9), (0.3, 0.3, 0.3), (0.3, 0.14, 0.09)))
 
     flat = n[b.roof == FLAT]
     wall = colour[flat] * 0.92
@@ -310,7 +314,7 @@ def _details(
             wide = np.minimum(1.9, 0.8 * (w / bays)[at])
             parts.append(_boxes(b, at, (x, -d[at] / 2 - 0.45, z), (wide, 0.9, 0.12), (0.42, 0.41, 0.39)))
             parts.append(_boxes(b, at, (x, -d[at] / 2 - 0.88, z + 0.12), (wide, 0.04, 0.9), (0.05, 0.05, 0.055), Kind.FENCE))
-            for end in (-0.5, 0.5):
+            for end in (-0.5, 0.5) if fine else ():
                 parts.append(_boxes(b, at, (x + end * wide, -d[at] / 2 - 0.45, z + 0.12), (0.04, 0.88, 0.9), (0.05, 0.05, 0.055), Kind.FENCE))
 
     shade = n[(b.use == SHOP) & (pick[4] < 0.45)]

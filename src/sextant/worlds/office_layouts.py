@@ -88,12 +88,15 @@ def split(low: float, high: float, rng: Generator) -> list[tuple[float, float]]:
 
 def name_rooms(rooms: list[Room], rng: Generator) -> list[Room]:
     """Uses for the rooms named offices so far: wide ones become laboratories, halls or meeting rooms."""
-    named, wide_seen, offices = [], 0, [i for i, room in enumerate(rooms) if room.kind is RoomKind.OFFICE]
-    kitchens = set(rng.choice(offices, min(len(offices), 1 + len(offices) // 22), replace=False).tolist()) if offices else set()
+    offices = [i for i, room in enumerate(rooms) if room.kind is RoomKind.OFFICE]
+    wide = 1.4 * float(np.median([rooms[i].area_m2 for i in offices])) if offices else 0.0
+    narrow = [i for i in offices if rooms[i].area_m2 <= wide]
+    named, wide_seen = [], 0
+    kitchens = set(rng.choice(narrow, min(len(narrow), 1 + len(offices) // 22), replace=False).tolist()) if narrow else set()
     for i, room in enumerate(rooms):
         kind = room.kind
         if kind is RoomKind.OFFICE:
-            if room.area_m2 > 24:
+            if room.area_m2 > wide:
                 kind = (RoomKind.LAB, RoomKind.HALL, RoomKind.MEETING)[wide_seen % 3]
                 wide_seen += 1
             elif i in kitchens:

@@ -53,6 +53,15 @@ def window_light(room: Room, window: Window) -> Float64[ndarray, "3"]:
     return np.array([x + dx * s - 0.15 * dy, y + dy * s + 0.15 * dx, (SILL_M + HEAD_M) / 2])
 
 
+def _niche(room: Room, window: Window) -> Box:
+    """Where the glass of a window is."""
+    x, y = room.start(window.side)
+    dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[window.side]
+    ends = [(x + s * dx + 0.25 * dy, y + s * dy - 0.25 * dx) for s in (window.start, window.end)]
+    ends += [(x + window.start * dx, y + window.start * dy)]
+    return min(p[0] for p in ends), min(p[1] for p in ends), max(p[0] for p in ends), max(p[1] for p in ends)
+
+
 def room_fills(plan: FloorPlan, lit_by_day: Float64[ndarray, "n"]) -> list[tuple[float, float, float]]:
     """For each room: light scattered about from lamps and from windows, and the share of its lamps that burn by day."""
     glass = np.zeros(len(plan.rooms))
@@ -61,7 +70,7 @@ def room_fills(plan: FloorPlan, lit_by_day: Float64[ndarray, "n"]) -> list[tuple
     fills = []
     for room, area, lit in zip(plan.rooms, glass, lit_by_day, strict=True):
         columns, rows = lattice(room)
-        lamp = 0.17 + 0.55 * min(columns * rows / room.area_m2, 0.3)
+        lamp = 0.2 + 0.55 * min(columns * rows / room.area_m2, 0.3)
         fills.append((lamp, float(min(0.03 + 1.1 * area / room.area_m2, 0.28)), float(lit)))
     return fills
 
@@ -85,6 +94,9 @@ def room_lights(plan: FloorPlan, footprints: list[tuple[Box, float]]) -> RoomLig
     grid = _Grid(plan, origin, shape)
     for door in plan.doors:
         _light(cells, grid, door.box, 0.3, position, first[door.rooms[0]], first[door.rooms[0] + 1])
+    for window in plan.windows:
+        i = window.room
+        _light(cells, grid, _niche(plan.rooms[i], window), 0.15, position, first[i], first[i + 1])
     for i, room in enumerate(plan.rooms):
         _light(cells, grid, room.box, 0.0, position, first[i], first[i + 1])
     for box, depth in footprints:

@@ -1,12 +1,10 @@
 """Pictures of a world: exact rays of any camera, Embree for what they meet, compiled shading for what is seen there."""
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int32, UInt8
+from jaxtyping import Float, Float32, Float64, Int32, Int64, UInt8
 from numpy import ndarray
 
 from sextant.errors import UserError
@@ -17,19 +15,9 @@ from sextant.worlds.shading import kernels
 from sextant.worlds.shading.look import WET, pack, white_balance
 
 #: rays shaded at a time: bounds the memory of a large picture
-CHUNK = 1 << 18
+CHUNK = 1 << 17
 #: times that a ray may slip between leaves
 GAPS = 3
-
-
-class PixelRays(Protocol):
-    """What the renderer asks of a camera: any camera of ``sextant.geometry``."""
-
-    width: int
-    height: int
-
-    def ray_grid(self, samples_per_side: int) -> object:
-        """Unit directions in the camera frame, ``(height, width, samples_per_side^2, 3)``."""
 
 
 @dataclass(frozen=True)
@@ -111,65 +99,90 @@ class Renderer:
         motion: Motion = STILL,
         seed: int = 0,
     ) -> UInt8[ndarray, "h w 3"]:
-        """The developed picture, 8 bits a channel; ``seed`` varies the sensor noise alone."""
-        view = self.view(rays, world_from_camera, appearance, motion=motion)
-        out = np.empty((rays.height * rays.width, 3), np.uint8)
-        a = appearance
-        gain = white_balance(a.temperature_k) * 2.0**a.exposure_ev * EXPOSURE
-        kernels.develop(
-            view.radiance.reshape(-1, 3), rays.width, gain, a.gamma, a.read_noise, a.shot_noise, a.vignetting, seed, out
-        )
-        return out.reshape(rays.height, rays.width, 3)
+        """One developed picture; see :meth:`pictures`."""
+        motions = np.array([[*motion.velocity, motion.turn_rate]])
+        return self.pictures(rays, world_from_camera[None], appearance, motions=motions, seeds=np.array([seed]))[0]
 
-    def view(
+    def pictures(
         self,
         rays: Rays,
-        world_from_camera: Float64[ndarray, "4 4"],
+        world_from_camera: Float64[ndarray, "n 4 4"],
         appearance: Appearance,
         *,
-        motion: Motion = STILL,
+        motions: Float64[ndarray, "n 4"] | None = None,
+        seeds: Int64[ndarray, "n"] | None = None,
+    ) -> UInt8[ndarray, "n h w 3"]:
+        """Developed pictures, 8 bits a channel. Each is the same whatever others are asked for with it.
+
+        Args:
+            motions: velocity in metres a second along world x, y, z and turn in radians a second about z.
+            seeds: of the sensor noise.
+        """
+        n, pixels = len(world_from_camera), rays.width * rays.height
+        out = np.empty((n, pixels, 3), np.uint8)
+        gain = white_balance(appearance.temperature_k) * 2.0**appearance.exposure_ev * EXPOSURE
+        curve = gamma_curve(appearance.gamma)
+        together = max(1, CHUNK // len(rays.bearings))
+        for start in range(0, n, together):
+            part = slice(start, min(start + together, n))
+            moving = None if motions is None else motions[part]
+            radiance, _, _ = self._views(rays, world_from_camera[part], appearance, moving)
+            for i in range(part.start, part.stop):
+                kernels.develop(
+                    radiance[i - start], rays.width, gain, curve, appearance.read_noise, appearance.shot_noise,
+                    appearance.vignetting, 0 if seeds is None else int(seeds[i]), out[i],
+                )  # fmt: skip
+        return out.reshape(n, rays.height, rays.width, 3)
+
+    def view(
+        self, rays: Rays, world_from_camera: Float64[ndarray, "4 4"], appearance: Appearance, *, motion: Motion = STILL
     ) -> View:
         """Radiance, exact distance and surface of every pixel."""
-        pose = np.ascontiguousarray(world_from_camera[:3], np.float64)
-        if not np.isfinite(pose).all():
-            raise UserError(f"a camera pose is not finite: {pose.tolist()}")
-        look = pack(appearance, indoor=self.indoor)
-        shutter = appearance.exposure_time_s
-        drift, turn = np.array(motion.velocity) * shutter, motion.turn_rate * shutter
-        pixels = rays.width * rays.height
-        radiance = np.empty((pixels, 3), np.float32)
-        distance = np.empty(pixels)
-        surface = np.empty(pixels, np.int32)
-        step = max(1, CHUNK // rays.samples)
-        for start in range(0, pixels, step):
-            part = slice(start, min(start + step, pixels))
-            cast = slice(part.start * rays.samples, part.stop * rays.samples)
-            light, met, far = self._trace(rays.bearings[cast], cast.start, pose, drift, turn, look, rays.pixel)
-            kernels.average(light, rays.samples, radiance[part])
-            first = met[:: rays.samples]
-            distance[part] = far[:: rays.samples]
-            surface[part] = np.where(first == MISS, MISS, self.scene.surface[first])
+        motions = np.array([[*motion.velocity, motion.turn_rate]])
+        radiance, triangle, distance = self._views(rays, world_from_camera[None], appearance, motions)
+        surface = np.where(triangle == MISS, MISS, self.scene.surface[triangle]).astype(np.int32)
         shape = (rays.height, rays.width)
         return View(radiance.reshape(*shape, 3), distance.reshape(shape), surface.reshape(shape))
 
-    def _trace(
+    def _views(
         self,
-        bearings: Float64[ndarray, "r 3"],
-        first: int,
-        pose: Float64[ndarray, "3 4"],
-        drift: Float64[ndarray, "3"],
-        turn: float,
-        look: Float64[ndarray, "l"],
-        pixel: float,
-    ) -> tuple[Float32[ndarray, "r 3"], Int32[ndarray, "r"], Float64[ndarray, "r"]]:
-        origins = np.empty((len(bearings), 3), np.float32)
-        directions = np.empty((len(bearings), 3), np.float32)
-        kernels.world_rays(pose, bearings, first, drift, turn, origins, directions)
-        triangle, distance = self._meet(origins, directions, pixel)
-        radiance, mirror = self._light(origins, directions, triangle, distance, look, pixel)
-        if look[WET] > 0:
-            self._reflect(origins, directions, distance, radiance, mirror, look, pixel)
+        rays: Rays,
+        world_from_camera: Float64[ndarray, "n 4 4"],
+        appearance: Appearance,
+        motions: Float64[ndarray, "n 4"] | None,
+    ) -> tuple[Float32[ndarray, "n p 3"], Int32[ndarray, "n p"], Float64[ndarray, "n p"]]:
+        """Radiance, and the triangle and distance met by the first ray, of every pixel of some views."""
+        if not np.isfinite(world_from_camera).all():
+            raise UserError("a camera pose is not finite")
+        n, per_view, samples = len(world_from_camera), len(rays.bearings), rays.samples
+        poses = np.ascontiguousarray(world_from_camera[:, :3], np.float64)
+        shift = np.zeros((n, 4)) if motions is None else motions * appearance.exposure_time_s
+        look = self._look(appearance)
+        radiance = np.empty((n, per_view // samples, 3), np.float32)
+        triangle = np.empty((n, per_view // samples), np.int32)
+        distance = np.empty((n, per_view // samples))
+        step = per_view if per_view <= CHUNK else CHUNK // samples * samples
+        for start in range(0, per_view, step):
+            cast = slice(start, min(start + step, per_view))
+            part = slice(cast.start // samples, cast.stop // samples)
+            count = cast.stop - cast.start
+            origins, directions = np.empty((2, n * count, 3), np.float32)
+            for i in range(n):
+                own = slice(i * count, (i + 1) * count)
+                kernels.world_rays(poses[i], rays.bearings[cast], start, shift[i], origins[own], directions[own])
+            met, far = self._meet(origins, directions, rays.pixel)
+            light, mirror = self._light(origins, directions, met, far, look, rays.pixel)
+            if look[WET] > 0:
+                self._reflect(origins, directions, far, light, mirror, look, rays.pixel)
+            mean = np.empty((n * count // samples, 3), np.float32)
+            kernels.average(light, samples, mean)
+            radiance[:, part] = mean.reshape(n, -1, 3)
+            triangle[:, part] = met[::samples].reshape(n, -1)
+            distance[:, part] = far[::samples].reshape(n, -1)
         return radiance, triangle, distance
+
+    def _look(self, appearance: Appearance) -> Float64[ndarray, "l"]:
+        return pack(appearance, indoor=self.indoor)
 
     def _meet(
         self, origins: Float32[ndarray, "r 3"], directions: Float32[ndarray, "r 3"], pixel: float
@@ -241,28 +254,12 @@ class Renderer:
             seen, _ = self._light(starts, ways, triangle, onward, look, 3 * pixel)
             radiance[at] += mirror[at, None] * np.minimum(seen, 4.0)
 
-    def pictures(
-        self,
-        rays: Rays,
-        poses: Float64[ndarray, "n 4 4"],
-        appearance: Appearance,
-        *,
-        motions: list[Motion] | None = None,
-        seeds: list[int] | None = None,
-        threads: int = 1,
-    ) -> Iterator[UInt8[ndarray, "h w 3"]]:
-        """Pictures at many poses, in order; threads change the speed, never a byte."""
-        n = len(poses)
-        motions, seeds = motions or [STILL] * n, seeds or list(range(n))
 
-        def one(i: int) -> UInt8[ndarray, "h w 3"]:
-            return self.picture(rays, poses[i], appearance, motion=motions[i], seed=seeds[i])
-
-        if threads == 1:
-            yield from map(one, range(n))
-        else:
-            with ThreadPoolExecutor(threads) as pool:
-                yield from pool.map(one, range(n))
+@lru_cache(maxsize=16)
+def gamma_curve(gamma: float) -> UInt8[ndarray, "65536"]:
+    """Display values of the 65,536 levels of a linear picture in [0, 1]: ``255 v^(1 / gamma)``, rounded."""
+    levels = np.arange(65536) / 65535
+    return np.round(255 * levels ** (1 / gamma)).astype(np.uint8)
 
 
 #: gain that shows a white wall in the noon sun just below white

@@ -25,7 +25,9 @@ def _car(form: int, fine: bool) -> Float64[ndarray, "t 3 3"]:
     (length, width, height), waist, roof = _CARS[form]
 
     def ring(z: float, x0: float, x1: float, half: float, bevel: float) -> Float64[ndarray, "8 3"]:
-        b = bevel if fine else 0.0
+        if not fine:
+            return np.array([(x0, -half, z), (x1, -half, z), (x1, half, z), (x0, half, z)])
+        b = bevel
         outline = [(x0 + b, -half), (x1 - b, -half), (x1, -half + b), (x1, half - b), (x1 - b, half), (x0 + b, half), (x0, half - b), (x0, -half + b)]
         return np.array([(x, y, z) for x, y in outline])
 
@@ -36,6 +38,9 @@ def _car(form: int, fine: bool) -> Float64[ndarray, "t 3 3"]:
         ring(0.74 * belt + 0.1, -0.5 * l, 0.495 * l, w, 0.18), ring(belt, -0.485 * l, 0.44 * l, 0.93 * w, 0.16),
     ]  # fmt: skip
     cabin = [ring(belt, waist[0] * l, waist[1] * l, 0.88 * w, 0.1), ring(h - 0.07, roof[0] * l, roof[1] * l, 0.74 * w, 0.1), ring(h, (roof[0] + 0.03) * l, (roof[1] - 0.03) * l, 0.64 * w, 0.1)]
+    if not fine:  # wheels are painted on the sides
+        body = [ring(0.08, -0.48 * l, 0.48 * l, 0.97 * w, 0.0), ring(0.45, -0.5 * l, 0.5 * l, w, 0.0), body[3]]
+        return np.concatenate([_loft(body), _loft([cabin[0], cabin[2]])])
     triangles = [_loft(body), _loft(cabin)]
     wheel = prism(0.33, 0.33, 0.2, 10 if fine else 6)
     wheel = wheel[:, :, [0, 2, 1]] * np.array([1, -1, 1])  # its axis from z to -y
@@ -109,19 +114,20 @@ def person_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"
 LAMP_HEIGHT_M, LAMP_REACH_M = 5.6, 1.1
 
 
-def lamp_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"]) -> Mesh:
+def lamp_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"], *, fine: bool) -> Mesh:
     """Street lamps: a post with an arm that reaches out along ``heading``."""
     if not len(position):
         return Mesh.empty()
-    post = np.concatenate([
-        prism(0.085, 0.05, LAMP_HEIGHT_M, 6), prism(0.13, 0.1, 0.7, 6),
-        limb(np.array([0, 0, LAMP_HEIGHT_M - 0.1]), np.array([LAMP_REACH_M, 0, LAMP_HEIGHT_M + 0.15]), 0.045, 0.035, 4),
-    ])  # fmt: skip
+    arm = limb(np.array([0, 0, LAMP_HEIGHT_M - 0.1]), np.array([LAMP_REACH_M, 0, LAMP_HEIGHT_M + 0.15]), 0.045, 0.035 * fine, 3 + fine)
+    pole = [prism(0.085, 0.05, LAMP_HEIGHT_M, 6), prism(0.13, 0.1, 0.7, 6)] if fine else [prism(0.09, 0.0, LAMP_HEIGHT_M, 3)]
+    post = np.concatenate([*pole, arm])
     metal = surface_rows(Kind.PLAIN, len(position), colour=palette("#3e4347"), origin=position, parameters=(0.05,))
     head = place_offset(position, heading, np.array([LAMP_REACH_M, 0.0, LAMP_HEIGHT_M + 0.06]))
     size = np.broadcast_to(np.array([0.62, 0.24, 0.08]), head.shape)
-    shell = boxes(head + [0, 0, 0.05], size, heading, metal, bottom=False)
     glow = boxes(head, size * 0.9, heading, surface_rows(Kind.LAMP, len(position), colour=(0.7, 0.7, 0.66)), bottom=True)
+    if not fine:
+        return Mesh.join([instances(place(post, position, heading), metal), glow])
+    shell = boxes(head + [0, 0, 0.05], size, heading, metal, bottom=False)
     return Mesh.join([instances(place(post, position, heading), metal), shell, glow])
 
 

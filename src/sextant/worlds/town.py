@@ -291,9 +291,9 @@ class Town:
         green = [bool(d < 0.62) for d in self.districts]
         return Mesh.join([
             self.ground.mesh(green),
-            building_mesh(self.buildings, repaint, a.change_seed),
+            building_mesh(self.buildings, repaint, a.change_seed, fine=fine),
             tree_mesh(self.trees, a.foliage_density, LEAVES[self.detail]),
-            objects.lamp_mesh(self.lamps.position, self.lamps.heading),
+            objects.lamp_mesh(self.lamps.position, self.lamps.heading, fine=fine),
             objects.sign_mesh(self.signs.position, self.signs.heading, self.signs.seed),
             objects.bench_mesh(self.benches.position, self.benches.heading),
             self.hedges,
@@ -336,7 +336,7 @@ class Town:
     def renderer(self, appearance: Appearance) -> Renderer:
         """A renderer of the town as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
         lights = objects.lamp_lights(self.lamps.position, self.lamps.heading)
-        return Renderer(Scene(self.mesh(appearance)), Lamps.at(lights))
+        return Renderer(Scene(self.mesh(appearance), watertight=self.detail == "fine"), Lamps.at(lights))
 
 
 def _fitting(

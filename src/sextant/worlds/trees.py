@@ -58,16 +58,16 @@ def _form(k: int, leaves: int) -> _Form:
     stem = 1.9 + 0.6 * rng.random()
     centre = np.array([0.0, 0.0, stem + 0.52 * tall])
     detailed = leaves > 200
-    wood = [limb(np.zeros(3), np.array([0.05, 0.0, stem + 0.25 * tall]), 0.2, 0.12, 6 if detailed else 4)]
+    wood = [limb(np.zeros(3), np.array([0.05, 0.0, stem + 0.25 * tall]), 0.2, 0.12 * detailed, 6 if detailed else 3)]
     tips = []
     for i in range(9 if detailed else 6):
         angle, rise = 2.4 * i + rng.random(), 0.15 + 0.8 * rng.random()
         start = np.array([0.05, 0.0, stem * (0.8 + 0.25 * rng.random()) + 0.18 * tall * (i % 3) / 3])
         reach = wide * (0.95 - 0.45 * rise)
         end = np.array([reach * np.cos(angle), reach * np.sin(angle), stem + tall * (0.25 + 0.65 * rise)])
-        wood.append(limb(start, end, 0.085, 0.02, 3))
+        wood.append(limb(start, end, 0.085, 0.02 * detailed, 3))
         tips.append(end)
-        for _ in range(4 if detailed else 2):
+        for _ in range(4 if detailed else 1):
             share = 0.35 + 0.5 * rng.random()
             knee = start + share * (end - start)
             twig = knee + (0.5 + 0.3 * wide * rng.random()) * _unit(rng.normal(size=3) + 0.6 * _unit(end - start) + [0, 0, 0.5])

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float64, Int64, UInt8
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from sextant.data.rendered import ArraySpec, RenderPlan, modules_sha256
 from sextant.errors import UserError
 from sextant.geometry import Camera, level_camera_pose
 from sextant.worlds.appearance import Appearance, condition, with_factors
-from sextant.worlds.renderer import Motion, Rays, Renderer
+from sextant.worlds.renderer import Rays, Renderer
 
 SPLITS = ("train", "val", "test")
 #: scenes held at once: one in use and the next
@@ -166,17 +166,17 @@ class WorldPlan(RenderPlan):
         return SPLITS
 
     def render(self, start: int, stop: int) -> Mapping[str, ndarray]:
-        """Pictures ``start`` to ``stop``."""
-        return {"images": np.stack([self.picture(i) for i in range(start, stop)])}
-
-    def picture(self, i: int) -> UInt8[ndarray, "h w 3"]:
-        """Picture number ``i``."""
+        """Pictures ``start`` to ``stop``; those of one scene and one light are cast together."""
         shots = self.shots
-        vx, vy, vz, turn = shots.velocity[i]
-        renderer, appearance = self.view_of(i)
-        return renderer.picture(
-            self.rays, camera_pose(shots.pose[i]), appearance, motion=Motion((vx, vy, vz), turn), seed=i
-        )
+        keys = np.column_stack([shots.scene, shots.condition, shots.sun_turn_deg, shots.exposure_ev])[start:stop]
+        change = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
+        pictures = []
+        for first, last in zip([0, *change], [*change, stop - start], strict=True):
+            part = np.arange(start + first, start + last)
+            renderer, appearance = self.view_of(start + int(first))
+            poses = camera_poses(shots.pose[part])
+            pictures.append(renderer.pictures(self.rays, poses, appearance, motions=shots.velocity[part], seeds=part))
+        return {"images": np.concatenate(pictures)}
 
     def view_of(self, i: int) -> tuple[Renderer, Appearance]:
         """The renderer and the appearance of picture ``i``; renderers are kept while they are in use."""
@@ -227,10 +227,9 @@ def camera_rays(camera: Camera, samples: int) -> Rays:
     return Rays.of(camera.bearings(camera.ray_grid(side, dtype=torch.float64)).numpy())
 
 
-def camera_pose(pose: Float64[ndarray, "6"]) -> Float64[ndarray, "4 4"]:
-    """World from camera for x, y, z, heading, tilt, roll."""
-    x, y, z, heading, tilt, roll = (torch.tensor(float(value), dtype=torch.float64) for value in pose)
-    return level_camera_pose(x, y, z, heading, tilt, roll).numpy()
+def camera_poses(pose: Float64[ndarray, "n 6"]) -> Float64[ndarray, "n 4 4"]:
+    """World from camera for rows of x, y, z, heading, tilt, roll."""
+    return level_camera_pose(*torch.from_numpy(np.ascontiguousarray(pose.T))).numpy()
 
 
 def read_conditions(conditions: list[Any]) -> tuple[list[str], list[Appearance]]:

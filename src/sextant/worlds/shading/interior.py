@@ -52,9 +52,9 @@ def corner(u, width, low, high):  # type: ignore[no-untyped-def]
 @compiled
 def daylight(look):  # type: ignore[no-untyped-def]
     """Linear RGB of the light that falls through a window."""
-    r = 0.6 * look[ZENITH_R] + 0.5 * look[HORIZON_R] + 0.28 * look[SUN_R]
-    g = 0.6 * look[ZENITH_G] + 0.5 * look[HORIZON_G] + 0.28 * look[SUN_G]
-    b = 0.6 * look[ZENITH_B] + 0.5 * look[HORIZON_B] + 0.28 * look[SUN_B]
+    r = 0.4 * look[ZENITH_R] + 0.5 * look[HORIZON_R] + 0.35 * look[SUN_R]
+    g = 0.4 * look[ZENITH_G] + 0.5 * look[HORIZON_G] + 0.35 * look[SUN_G]
+    b = 0.4 * look[ZENITH_B] + 0.5 * look[HORIZON_B] + 0.35 * look[SUN_B]
     return r, g, b
 
 
@@ -262,7 +262,11 @@ def interior(row, kind, u, w, oz, nx, ny, nz, dx, dy, dz, footprint, look):  # t
             r, g, b, gloss = 0.5, 0.5, 0.5, 0.4
         r, g, b = r * k, g * k, b * k
     elif kind == WOOD:
-        k = 0.86 + 0.22 * value_noise(u * 2.5, (w + oz) * 28.0, seed) * keep(footprint, 0.08)
+        if abs(nz) > 0.7:
+            k = value_noise(u * 1.6, w * 30.0, seed) - 0.5 + 0.5 * (value_noise(u * 3.0, w * 110.0, seed) - 0.5)
+        else:
+            k = value_noise((u + w) * 30.0, oz * 1.6, seed) - 0.5 + 0.5 * (value_noise((u + w) * 110.0, oz * 3.0, seed) - 0.5)
+        k = 0.97 + 0.16 * k * keep(footprint, 0.05)
         r, g, b = r * k, g * k, b * k
         gloss = 0.03 + 0.27 * look[INDOOR]  # varnished indoors, weathered outside
     elif kind == POSTER:
@@ -359,9 +363,9 @@ def indoor_light(row, r, g, b, gloss, x, y, z, nx, ny, nz, dx, dy, dz, along, la
                 if burning <= 0.0:
                     continue
                 down = clamp(qz / q, 0.0, 1.0)
-                level = burning * fade * 1.25 * (0.15 + 0.85 * down) * max(facing, 0.0) / (q2 + 0.9)
+                level = burning * fade * 1.7 * (0.15 + 0.85 * down) * max(facing, 0.0) / (q2 + 0.9)
                 lr, lg, lb = lr + level, lg + 0.96 * level, lb + 0.87 * level
-                level = burning * fade * 0.5 * lobe * lobe
+                level = burning * fade * 1.0 * lobe * lobe * lobe
                 sr, sg, sb = sr + level, sg + 0.96 * level, sb + 0.87 * level
             else:
                 wrap = clamp((facing + 0.15) / 1.15, 0.0, 1.0)
@@ -381,10 +385,10 @@ def indoor_light(row, r, g, b, gloss, x, y, z, nx, ny, nz, dx, dy, dz, along, la
     cr, cg, cb = r * lr * dim, g * lg * dim, b * lb * dim
     if gloss > 0.0:
         one = clamp(1.0 + along, 0.0, 1.0)
-        fresnel = 0.05 + 0.6 * one * one * one * one
+        fresnel = 0.07 + 0.7 * one * one * one * one
         share = gloss * fresnel * dim
         blur = 0.35 * (lamp_fill + day_fill)
-        cr = cr * (1.0 - 0.5 * share) + share * (blur + 2.2 * sr)
-        cg = cg * (1.0 - 0.5 * share) + share * (0.97 * blur + 2.2 * sg)
-        cb = cb * (1.0 - 0.5 * share) + share * (0.92 * blur + 2.2 * sb)
+        cr = cr * (1.0 - 0.5 * share) + share * (blur + 3.0 * sr)
+        cg = cg * (1.0 - 0.5 * share) + share * (0.97 * blur + 3.0 * sg)
+        cb = cb * (1.0 - 0.5 * share) + share * (0.92 * blur + 3.0 * sb)
     return cr, cg, cb

@@ -1,6 +1,6 @@
 """The inner loops of the renderer: rays of a view, shadow rays, shading, and the development of the picture."""
 
-from math import exp, floor, log, pow, sqrt
+from math import cos, exp, floor, log, pi, pow, sqrt
 
 from sextant.worlds.shading.compiled import compiled
 from sextant.worlds.shading.ground import puddle
@@ -16,13 +16,13 @@ from sextant.worlds.surfaces import KIND, P0, X, Y, Z
 
 
 @compiled
-def world_rays(pose, bearings, first, drift, turn, origins, directions):  # type: ignore[no-untyped-def]
+def world_rays(pose, bearings, first, shift, origins, directions):  # type: ignore[no-untyped-def]
     """Rays of a camera at ``pose`` (3 x 4, world from camera), into float32 ``origins`` and ``directions``.
 
-    While the shutter is open the camera moves by ``drift`` (metres, world) and turns by ``turn`` (radians about world z):
-    each ray has its own moment within it, hashed from its number ``first + i``.
+    While the shutter is open the camera moves by ``shift`` (metres along world x, y, z, and radians about z): each ray has
+    its own moment within it, hashed from its number ``first + i``.
     """
-    moving = drift[0] != 0.0 or drift[1] != 0.0 or drift[2] != 0.0 or turn != 0.0
+    moving = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0 or shift[3] != 0.0
     for i in range(bearings.shape[0]):
         x, y, z = bearings[i, 0], bearings[i, 1], bearings[i, 2]
         dx = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z
@@ -31,13 +31,13 @@ def world_rays(pose, bearings, first, drift, turn, origins, directions):  # type
         moment = 0.0
         if moving:
             moment = hash3(first + i, 7, 13) - 0.5
-            a = turn * moment
+            a = shift[3] * moment
             dx, dy = dx - a * dy, dy + a * dx
             n = 1.0 / sqrt(dx * dx + dy * dy + dz * dz)
             dx, dy, dz = dx * n, dy * n, dz * n
-        origins[i, 0] = pose[0, 3] + drift[0] * moment
-        origins[i, 1] = pose[1, 3] + drift[1] * moment
-        origins[i, 2] = pose[2, 3] + drift[2] * moment
+        origins[i, 0] = pose[0, 3] + shift[0] * moment
+        origins[i, 1] = pose[1, 3] + shift[1] * moment
+        origins[i, 2] = pose[2, 3] + shift[2] * moment
         directions[i, 0], directions[i, 1], directions[i, 2] = dx, dy, dz
 
 
@@ -268,33 +268,15 @@ def average(radiance, samples, out):  # type: ignore[no-untyped-def]
 @compiled
 def gaussian(i, c, seed):  # type: ignore[no-untyped-def]
     """A standard normal number for three integers (Box and Muller)."""
-    a = hash3(i, c, seed) + 1e-12
-    b = hash3(i, c + 3, seed + 1)
-    # cos(2 pi b) by a polynomial would be faster; the library's is exact
-    return sqrt(-2.0 * log(a)) * _cos_turn(b)
+    return sqrt(-2.0 * log(hash3(i, c, seed) + 1e-12)) * cos(2.0 * pi * hash3(i, c + 3, seed + 1))
 
 
 @compiled
-def _cos_turn(turn):  # type: ignore[no-untyped-def]
-    """``cos(2 pi turn)`` for ``turn`` in [0, 1), by a sixth-order fit good to 1e-4."""
-    x = turn - 0.5
-    x = abs(x)
-    sign = -1.0
-    if x > 0.25:
-        x = 0.5 - x
-        sign = 1.0
-    y = 6.283185307179586 * x
-    y2 = y * y
-    return sign * (1.0 - y2 * (0.5 - y2 * (0.041666642 - y2 * (0.0013888397 - y2 * 2.47609e-05))))
-
-
-@compiled
-def develop(linear, width, gain, gamma, read, shot, vignetting, seed, out):  # type: ignore[no-untyped-def]
-    """A picture in 8 bits: vignetting, gains, a filmic shoulder, sensor noise, gamma, rounding."""
+def develop(linear, width, gain, curve, read, shot, vignetting, seed, out):  # type: ignore[no-untyped-def]
+    """A picture in 8 bits: vignetting, gains, a filmic shoulder, sensor noise, and a tone ``curve`` of 65,536 levels."""
     n = linear.shape[0]
     height = n // width
     corner = 0.25 * (width * width + height * height)
-    inverse = 1.0 / gamma
     for i in range(n):
         fall = 1.0
         if vignetting > 0.0:
@@ -305,5 +287,4 @@ def develop(linear, width, gain, gamma, read, shot, vignetting, seed, out):  # t
             v = v * (2.51 * v + 0.03) / (v * (2.43 * v + 0.59) + 0.14)
             if read > 0.0 or shot > 0.0:
                 v += sqrt(read * read + shot * shot * max(v, 0.0)) * gaussian(i, c, seed)
-            v = clamp(v, 0.0, 1.0)
-            out[i, c] = int(255.0 * pow(v, inverse) + 0.5)
+            out[i, c] = curve[int(65535.0 * clamp(v, 0.0, 1.0) + 0.5)]

@@ -1,5 +1,7 @@
 """An appearance turned into the numbers the shading kernels read: colours of sun, sky, fog, and strengths."""
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
@@ -38,6 +40,7 @@ def white_balance(temperature_k: float) -> Float64[ndarray, "3"]:
     return np.exp(np.array([-0.45, 0.0, 0.65]) * x)
 
 
+@lru_cache(maxsize=256)
 def pack(appearance: Appearance, *, indoor: bool = False) -> Float64[ndarray, "32"]:
     """The look of ``appearance``; see the names of the indices at the top of this file."""
     a = appearance
@@ -66,6 +69,7 @@ def pack(appearance: Appearance, *, indoor: bool = False) -> Float64[ndarray, "3
     look[LAMPS] = a.night
     look[STARS] = max(0.0, min(1.0, -a.sun_elevation_deg / 12)) * (1 - cover)
     look[INDOOR] = float(indoor)
+    look.setflags(write=False)
     return look
 
 
