@@ -135,6 +135,8 @@ class TownSeasons(Part):
     target: Literal["sextant.data.worlds.TownSeasons"] = Field(alias="_target_")
     frames: BySplit
     step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
+    lateral_sigma_m: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.3])
+    heading_sigma_deg: Annotated[float, Field(ge=0, le=20)] = Field(examples=[2.0])
     width: ImageSide = Field(examples=[96])
     height: ImageSide = Field(examples=[64])
     vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])

@@ -26,7 +26,8 @@ class Office:
     How an ``Appearance`` is read indoors:
 
     - ``night``, ``cloud_cover`` and the sun's height: daylight through the windows. The lamps of corridors, halls and
-      rooms without windows always burn; of the other rooms four in ten have theirs on by day, and all at night.
+      rooms without windows always burn; of the other rooms four in ten have theirs on in bright daylight, and all
+      of them at night and on dull days.
     - ``cars_moved``: share of the chairs and of the small things on desks that were moved.
     - ``facades_changed``: share of posters and pinboards that were replaced.
     - ``traffic_per_100m``: people who stand about, for every 100 square metres of floor.
@@ -91,7 +92,9 @@ class Office:
         leaves = self._leaves()
         for i in chosen:
             others = [t.box for k, t in enumerate(found) if k != i and t.room == found[i].room and t.box is not None]
-            found[i] = shifted(found[i], others + leaves, self.plan, tracks, np.random.default_rng([self.seed, 52, a.change_seed, i]))
+            found[i] = shifted(
+                found[i], others + leaves, self.plan, tracks, np.random.default_rng([self.seed, 52, a.change_seed, i])
+            )
         return found
 
     def _leaves(self) -> list[Box]:
@@ -133,14 +136,21 @@ class Office:
         rng = np.random.default_rng([self.seed, 54, a.change_seed])
         moved = rng.random(len(self.furnishing.desktops)) < a.cars_moved
         for desktop, again in zip(self.furnishing.desktops, moved, strict=True):
-            clutter(parts, desktop.frame, 0.74, np.random.default_rng([desktop.seed, a.change_seed + 1] if again else desktop.seed))
+            clutter(
+                parts,
+                desktop.frame,
+                0.74,
+                np.random.default_rng([desktop.seed, a.change_seed + 1] if again else desktop.seed),
+            )
         changed = rng.random(len(self.furnishing.sheets)) < a.facades_changed
         for hung, again in zip(self.furnishing.sheets, changed, strict=True):
             kind, print_seed = rng.random(2) if again else hung.seeds
             if again and (kind > 0.7) != (hung.seeds[0] > 0.7):
                 kind = (kind + 0.5) % 1  # a pinboard mostly stays one, with other notes
             sheet(parts, hung.frame, hung.size, hung.z, float(kind), float(print_seed))
-        for x, y, heading, seed, number in self._people(a, [t.box for t in things if t.box is not None] + self._leaves()):
+        for x, y, heading, seed, number in self._people(
+            a, [t.box for t in things if t.box is not None] + self._leaves()
+        ):
             body = person_mesh(np.array([[x, y, 0.0]]), np.array([heading]), np.array([seed]))
             parts.add(body, self.fills[int(number)])
         return turned(Mesh.join([self._shell, parts.mesh()]), self.plan.heading, self.plan.origin)

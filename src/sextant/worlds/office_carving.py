@@ -1,10 +1,11 @@
 """A floor plan carved around trajectories that were really driven."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy import ndarray
 from numpy.random import Generator
 from shapely import MultiLineString, Polygon
@@ -41,8 +42,9 @@ def plan_along(*trajectories: Float[ndarray, "n c"], seed: int = 0) -> FloorPlan
     """A plan whose free space holds every pose, at least 0.35 m from any wall.
 
     The axes are those that the robot mostly drove along. Where it went straight there is a corridor, where it left the
-    corridor a room, with a door where it passed the wall; the remaining walls of the corridors are lined with rooms that
-    nobody entered. Steps of more than 0.5 m are jumps: nothing is cleared between.
+    corridor a room, with a door where it passed the wall; the remaining walls of the corridors are lined with rooms
+    that nobody entered. A tangle without straight stretches gets one hall. Steps of more than 0.5 m are jumps: nothing
+    is cleared between.
 
     Args:
         trajectories: x, y in metres, and anything after; several drives share one plan.
@@ -158,11 +160,16 @@ def _corridors(tracks: list[Float[ndarray, "n 2"]]) -> list[Box]:
     straights: list[_Straight] = []
     for track in tracks:
         bends = _bends(track, 0.4)
-        for a, b in zip(bends[:-1], bends[1:], strict=True):
+        for a, b in itertools.pairwise(bends):
             move = np.abs(track[b] - track[a])
             axis = int(np.argmax(move))
             if move[axis] >= STRAIGHT_M and move[1 - axis] < 0.2 * move[axis]:
                 straights.append(_Straight(axis, track[a : b + 1]))
+    return _parted(_merged(straights))
+
+
+def _merged(straights: list[_Straight]) -> list[_Straight]:
+    """Drives along the same corridor as one, the longest first."""
     merged: list[_Straight] = []
     for straight in sorted(straights, key=lambda s: -float(np.ptp(s.points[:, s.axis]))):
         for k, other in enumerate(merged):
@@ -171,19 +178,38 @@ def _corridors(tracks: list[Float[ndarray, "n 2"]]) -> list[Box]:
                 break
         else:
             merged.append(straight)
-    boxes: list[Box] = []
-    for straight in merged:  # the longest is whole, others end at its wall
-        pieces = shapely.box(*straight.box())
-        for other in boxes:
+    return merged
+
+
+def _parted(straights: list[_Straight]) -> list[Box]:
+    """Corridors a wall apart."""
+    found: list[tuple[int, Box]] = []
+    for straight in straights:  # the longest is whole, others end at its wall
+        box = straight.box()
+        for k, (axis, other) in enumerate(found):  # one that ends within the other's width is drawn out to its corner
+            if axis != straight.axis and overlaps(box, other, WALL_M):
+                a, b, c, d = _upright(axis, other)
+                along = _upright(axis, box)
+                longer = _upright(axis, (min(a, along[0]), b, max(c, along[2]), d))
+                if not any(overlaps(longer, rest, WALL_M) for i, (_, rest) in enumerate(found) if i != k):
+                    found[k] = (axis, longer)
+        pieces = shapely.box(*box)
+        for _, other in found:
             pieces = pieces.difference(shapely.box(*_grown(other, WALL_M)))
-        boxes += [_bounds(part) for part in shapely.get_parts(pieces) if min(_sides(_bounds(part))) > 1.5]
-    return boxes
+        found += [
+            (straight.axis, _bounds(part))
+            for part in shapely.get_parts(pieces).tolist()
+            if min(_sides(_bounds(part))) > 1.5 and part.area > 0.999 * shapely.box(*part.bounds).area
+        ]
+    return [box for _, box in found]
 
 
 def _continues(a: _Straight, b: _Straight) -> bool:
     along, across = a.axis, 1 - a.axis
     beside = abs(float(np.median(a.points[:, across]) - np.median(b.points[:, across])))
-    apart = max(a.points[:, along].min() - b.points[:, along].max(), b.points[:, along].min() - a.points[:, along].max())
+    apart = max(
+        a.points[:, along].min() - b.points[:, along].max(), b.points[:, along].min() - a.points[:, along].max()
+    )
     return beside < 1.2 and apart < 2.0
 
 
@@ -228,7 +254,8 @@ def _carve(tracks: list[Float[ndarray, "n 2"]], rng: Generator) -> tuple[list[Ro
 def _widened(corridors: list[Box], swept: Polygon) -> list[Box]:
     """Corridors that take in what was driven close along their walls."""
     for _ in range(3):
-        for k, box in enumerate(corridors):
+        for k in range(len(corridors)):
+            box = corridors[k]
             rest = swept.difference(shapely.union_all([shapely.box(*other) for other in corridors]))
             near = shapely.box(*_grown(box, 0.55))
             touching = shapely.box(*_grown(box, 0.01))
@@ -282,7 +309,12 @@ def _clipped(box: Box, corridor: Box) -> Box:
     grown = _grown(corridor, WALL_M)
     if not overlaps(box, grown):
         return box
-    cuts = [(x0, y0, x1, min(y1, grown[1])), (x0, max(y0, grown[3]), x1, y1), (x0, y0, min(x1, grown[0]), y1), (max(x0, grown[2]), y0, x1, y1)]
+    cuts = [
+        (x0, y0, x1, min(y1, grown[1])),
+        (x0, max(y0, grown[3]), x1, y1),
+        (x0, y0, min(x1, grown[0]), y1),
+        (max(x0, grown[2]), y0, x1, y1),
+    ]
     best = max(cuts, key=lambda c: max(c[2] - c[0], 0) * max(c[3] - c[1], 0))
     # a cut that loses much would lose the path: leave it to be merged
     lost = 1 - max(best[2] - best[0], 0) * max(best[3] - best[1], 0) / ((x1 - x0) * (y1 - y0))
@@ -295,7 +327,7 @@ def _lengthened(corridors: list[Box], entered: list[Box]) -> list[Box]:
         axis = 0 if _sides(box)[0] >= _sides(box)[1] else 1
         a, b, c, d = _upright(axis, box)
         for longer in ((a - 1.4, b, c, d), (a, b, c + 1.4, d)):
-            tried = _upright(axis, _union(longer, _upright(axis, corridors[k])))
+            tried = _upright(axis, _union(longer, _upright(axis, box)))
             others = [other for i, other in enumerate(corridors) if i != k] + entered
             if not any(overlaps(tried, other, WALL_M) for other in others):
                 corridors[k] = tried
@@ -307,7 +339,9 @@ def _roomier(box: Box, others: list[Box], corridors: list[Box]) -> Box:
     for axis in (1, 0):
         for step in range(80):
             a, b, c, d = _upright(axis, box)
-            least = DEPTHS_M[0] if any(facing(box, corridor, 0.2) for corridor in corridors) and axis == 1 else NARROWEST_M
+            least = (
+                DEPTHS_M[0] if any(facing(box, corridor, 0.2) for corridor in corridors) and axis == 1 else NARROWEST_M
+            )
             if c - a >= least:
                 break
             grown = (a - 0.1, b, c, d) if step % 2 == 0 else (a, b, c + 0.1, d)
@@ -317,7 +351,9 @@ def _roomier(box: Box, others: list[Box], corridors: list[Box]) -> Box:
     return box
 
 
-def _lined(corridor: Box, far: bool, corridors: list[Box], entered: list[Box], extra: list[Box], rng: Generator) -> list[Box]:
+def _lined(
+    corridor: Box, far: bool, corridors: list[Box], entered: list[Box], extra: list[Box], rng: Generator
+) -> list[Box]:
     """Rooms that nobody entered along one wall of a corridor; entered ones take up what is left between (in place)."""
     axis = 0 if _sides(corridor)[0] >= _sides(corridor)[1] else 1
     a, b, c, d = _upright(axis, corridor)
@@ -375,23 +411,21 @@ def _passages(rooms: list[Room], tracks: list[Float[ndarray, "n 2"]]) -> list[Do
                     crossing = max(_sides(box)) > 0.3 and min(_sides(box)) > 0.5 * WALL_M
                     if crossing:
                         spans.setdefault((i, j), []).append(_door_span(low, high, common))
-    doors = []
-    for (i, j), pieces in spans.items():
-        merged: list[tuple[float, float]] = []
-        for low, high in sorted(pieces):
-            if merged and low < merged[-1][1] + 0.5:
-                merged[-1] = (merged[-1][0], max(high, merged[-1][1]))
-            else:
-                merged.append((low, high))
-        both = rooms[i].kind is RoomKind.CORRIDOR and rooms[j].kind is RoomKind.CORRIDOR
-        for low, high in merged:
-            leaf = "open" if high - low < 1.1 and not both else "none"
-            if both:
-                low, high = facing(rooms[i].box, rooms[j].box, WALL_M + 0.01) or (low, high)
-            doors.append(doorway(rooms, i, j, low, high, height=CEILING_M if both else 2.06, leaf=leaf))
-            if both:
-                break
-    return doors
+    return [door for (i, j), pieces in spans.items() for door in _openings(rooms, i, j, pieces)]
+
+
+def _openings(rooms: list[Room], i: int, j: int, spans: list[tuple[float, float]]) -> list[Doorway]:
+    """Doors where two rooms are joined; two corridors are open to each other."""
+    if rooms[i].kind is rooms[j].kind is RoomKind.CORRIDOR:
+        low, high = facing(rooms[i].box, rooms[j].box, WALL_M + 0.01) or spans[0]
+        return [doorway(rooms, i, j, low, high, height=CEILING_M)]
+    merged: list[tuple[float, float]] = []
+    for low, high in sorted(spans):
+        if merged and low < merged[-1][1] + 0.5:
+            merged[-1] = (merged[-1][0], max(high, merged[-1][1]))
+        else:
+            merged.append((low, high))
+    return [doorway(rooms, i, j, a, b, leaf="open" if b - a < 1.1 else "none") for a, b in merged]
 
 
 def _door_span(low: float, high: float, common: tuple[float, float]) -> tuple[float, float]:
@@ -418,8 +452,11 @@ def _junctions(rooms: list[Room], doors: list[Doorway]) -> list[Doorway]:
     return found
 
 
-def _roomy(plan: FloorPlan, tracks: list[Float[ndarray, "n 2"]]) -> Bool[ndarray, ""] | bool:
-    """Whether every pose keeps ``CLEARANCE_M`` from every wall, and every path stays on free floor."""
+def _roomy(plan: FloorPlan, tracks: list[Float[ndarray, "n 2"]]) -> bool:
+    """Whether rooms are apart, every pose keeps ``CLEARANCE_M`` from every wall, and every path stays on free floor."""
+    boxes = [room.box for room in plan.rooms]
+    if any(overlaps(a, b, 0.9 * WALL_M) for i, a in enumerate(boxes) for b in boxes[:i]):
+        return False
     free = plan.local_free
     points = shapely.points(np.concatenate(tracks))
     shapely.prepare(free)

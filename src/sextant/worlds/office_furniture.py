@@ -38,17 +38,26 @@ def monitor(parts: Parts, frame: Frame, z: float, seed: float, *, on: bool, widt
     parts.box(frame, (0, 0.0, z), (0.22, 0.16, 0.012), DARK, gloss=0.2)
     parts.box(frame, (0, -0.02, z), (0.05, 0.03, 0.2), DARK, gloss=0.2)
     parts.box(frame, (0, 0.0, z + 0.11), (width, 0.035, 0.62 * width), DARK, gloss=0.2)
-    parts.panel(frame, (0, 0.0195, z + 0.11), (width, 0.62 * width), Kind.SCREEN, DARK, parameters=(float(on),), seed=seed)
+    parts.panel(
+        frame, (0, 0.0195, z + 0.11), (width, 0.62 * width), Kind.SCREEN, DARK, parameters=(float(on),), seed=seed
+    )
 
 
 def clutter(parts: Parts, frame: Frame, z: float, rng: Generator) -> None:
     """A keyboard, papers, books, a mug, wherever the generator drops them on a desk of 1.2 by 0.7 m."""
-    parts.box(frame.inner(rng.uniform(-0.1, 0.1), rng.uniform(0.5, 0.58), rng.uniform(-0.15, 0.15)), (0, 0, z), (0.42, 0.14, 0.018), DARK)
+    parts.box(
+        frame.inner(rng.uniform(-0.1, 0.1), rng.uniform(0.5, 0.58), rng.uniform(-0.15, 0.15)),
+        (0, 0, z),
+        (0.42, 0.14, 0.018),
+        DARK,
+    )
     for _ in range(int(rng.integers(1, 4))):
         at = frame.inner(rng.uniform(-0.55, 0.55), rng.uniform(0.3, 0.62), rng.uniform(-0.5, 0.5))
         parts.box(at, (0, 0, z + 0.019), (0.21, 0.297, 0.003 + 0.012 * rng.random()), PAPER)
     for _ in range(int(rng.integers(0, 3))):
-        at = frame.inner(rng.choice([-0.5, 0.5]) + rng.uniform(-0.08, 0.08), rng.uniform(0.12, 0.3), rng.uniform(-0.4, 0.4))
+        at = frame.inner(
+            rng.choice([-0.5, 0.5]) + rng.uniform(-0.08, 0.08), rng.uniform(0.12, 0.3), rng.uniform(-0.4, 0.4)
+        )
         colour = BINDINGS[int(rng.integers(len(BINDINGS)))]
         parts.box(at, (0, 0, z), (0.17, 0.24, 0.03 + 0.06 * rng.random()), colour, gloss=0.2)
     if rng.random() < 0.6:
@@ -81,17 +90,33 @@ def chair(parts: Parts, frame: Frame, colour: object) -> None:
     parts.box(frame, (0, 0.21, 0.58), (0.42, 0.025, 0.28), colour)
 
 
-def shelf(parts: Parts, frame: Frame, width: float, height: float, colour: object, seed: float, *, depth: float = 0.32) -> None:
+def shelf(
+    parts: Parts, frame: Frame, width: float, height: float, colour: object, seed: float, *, depth: float = 0.32
+) -> None:
     """Open shelves with books and binders."""
     boards = float(max(2, round(height / 0.37)))
     parts.box(
-        frame, (0, depth / 2 + 0.004, 0.0), (width, depth, height), colour, kind=Kind.SHELF, parameters=(width, height, boards), seed=seed
+        frame,
+        (0, depth / 2 + 0.004, 0.0),
+        (width, depth, height),
+        colour,
+        kind=Kind.SHELF,
+        parameters=(width, height, boards),
+        seed=seed,
     )
 
 
 def cupboard(parts: Parts, frame: Frame, width: float, height: float, colour: object, *, depth: float = 0.42) -> None:
     """A cupboard of two doors."""
-    parts.box(frame, (0, depth / 2 + 0.004, 0.05), (width, depth, height - 0.05), colour, kind=Kind.WOOD, parameters=(), seed=0.6)
+    parts.box(
+        frame,
+        (0, depth / 2 + 0.004, 0.05),
+        (width, depth, height - 0.05),
+        colour,
+        kind=Kind.WOOD,
+        parameters=(),
+        seed=0.6,
+    )
     parts.box(frame, (0, depth / 2, 0.0), (width - 0.06, depth - 0.06, 0.05), DARK)
     parts.box(frame, (0, depth + 0.003, 0.08), (0.008, 0.006, height - 0.11), DARK)
     for x in (-0.05, 0.05):
@@ -106,8 +131,9 @@ def table(parts: Parts, frame: Frame, width: float, depth: float, colour: object
             parts.box(frame, (x, y, 0), (0.05, 0.05, height - 0.03), METAL, gloss=0.2)
 
 
-def bench(parts: Parts, frame: Frame, width: float, rng: Generator) -> None:
+def bench(parts: Parts, frame: Frame, width: float, seed: int) -> None:
     """A laboratory bench with a shelf above it and instruments on it."""
+    rng = np.random.default_rng(seed)
     parts.box(frame, (0, 0.38, 0.86), (width, 0.76, 0.035), linear("#3a3d40"), gloss=0.5)
     parts.box(frame, (0, 0.36, 0.08), (width - 0.04, 0.66, 0.78), WHITE, gloss=0.15)
     for k in range(int(width / 0.6)):
@@ -120,21 +146,43 @@ def bench(parts: Parts, frame: Frame, width: float, rng: Generator) -> None:
         what = rng.random()
         if what < 0.35:
             size = (rng.uniform(0.3, 0.45), 0.36, rng.uniform(0.2, 0.4))
-            parts.box(frame, (x, 0.3, 0.895), size, palette("#cfd2d0", "#7d8a94", "#e2dfd6")[int(rng.integers(3))], gloss=0.1)
-            parts.panel(frame, (x - 0.04, 0.482, 0.895 + size[2] * 0.35), (0.16, 0.1), Kind.SCREEN, DARK, parameters=(1.0,), seed=rng.random())
+            parts.box(
+                frame, (x, 0.3, 0.895), size, palette("#cfd2d0", "#7d8a94", "#e2dfd6")[int(rng.integers(3))], gloss=0.1
+            )
+            parts.panel(
+                frame,
+                (x - 0.04, 0.482, 0.895 + size[2] * 0.35),
+                (0.16, 0.1),
+                Kind.SCREEN,
+                DARK,
+                parameters=(1.0,),
+                seed=rng.random(),
+            )
         elif what < 0.6:
             monitor(parts, frame.inner(x, 0.3), 0.895, rng.random(), on=bool(rng.random() < 0.8))
         elif what < 0.85:
             for k in range(3):
                 at = frame.inner(x + 0.1 * k - 0.1, rng.uniform(0.25, 0.5))
-                parts.template(at, prism(0.04, 0.03, rng.uniform(0.12, 0.25), 8), 0.895, PRINTS[int(rng.integers(len(PRINTS)))], gloss=0.5)
+                parts.template(
+                    at,
+                    prism(0.04, 0.03, rng.uniform(0.12, 0.25), 8),
+                    0.895,
+                    PRINTS[int(rng.integers(len(PRINTS)))],
+                    gloss=0.5,
+                )
         if rng.random() < 0.6:
-            parts.box(frame, (x, 0.16, 1.445), (rng.uniform(0.2, 0.4), 0.24, rng.uniform(0.12, 0.3)), BINDINGS[int(rng.integers(len(BINDINGS)))])
+            parts.box(
+                frame,
+                (x, 0.16, 1.445),
+                (rng.uniform(0.2, 0.4), 0.24, rng.uniform(0.12, 0.3)),
+                BINDINGS[int(rng.integers(len(BINDINGS)))],
+            )
         x += rng.uniform(0.5, 0.75)
 
 
-def kitchen_row(parts: Parts, frame: Frame, width: float, colour: object, rng: Generator) -> None:
-    """Base units with a worktop and sink, wall units above, and a fridge at one end."""
+def kitchen_row(parts: Parts, frame: Frame, width: float, colour: object, seed: int) -> None:
+    """Base units with a worktop and sink, and wall units above."""
+    rng = np.random.default_rng(seed)
     parts.box(frame, (0, 0.3, 0.1), (width, 0.58, 0.76), colour, gloss=0.2)
     parts.box(frame, (0, 0.27, 0.0), (width, 0.5, 0.1), DARK)
     parts.box(frame, (0, 0.31, 0.86), (width, 0.62, 0.035), linear("#4b443d"), gloss=0.5)
@@ -182,12 +230,16 @@ def _foliage(seed: int) -> Float64[ndarray, "t 3 3"]:
     knee = out * lean[:, None] + up * (stem + 0.06)[:, None]
     tip = out * (lean + 0.7 * reach)[:, None] + up * (stem - 0.1 + 0.5 * reach)[:, None]
     stalk = np.stack([out * 0.02 - side * 0.1, out * 0.02 + side * 0.1, foot], 1)
-    return np.concatenate([stalk, np.stack([foot, knee - side, knee + side], 1), np.stack([knee - side, tip, knee + side], 1)])
+    return np.concatenate(
+        [stalk, np.stack([foot, knee - side, knee + side], 1), np.stack([knee - side, tip, knee + side], 1)]
+    )
 
 
 def plant(parts: Parts, frame: Frame, seed: float) -> None:
     """A plant in a pot; its middle is at the origin."""
-    parts.template(frame, prism(0.13, 0.17, 0.3, 12), 0.0, palette("#8a4b32", "#dcd8ce", "#3a3c40")[int(seed * 3)], gloss=0.2)
+    parts.template(
+        frame, prism(0.13, 0.17, 0.3, 12), 0.0, palette("#8a4b32", "#dcd8ce", "#3a3c40")[int(seed * 3)], gloss=0.2
+    )
     parts.template(frame, prism(0.15, 0.15, 0.29, 8)[-8:], 0.0, linear("#2b2119"))
     for k, green in enumerate(palette("#3f6b35", "#55803f")):
         parts.template(frame.inner(0, 0, 1.3 * k), _foliage(int(seed * 4) + 4 * k), 0.25, green, gloss=0.1)

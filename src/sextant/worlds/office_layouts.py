@@ -4,7 +4,18 @@ import numpy as np
 from numpy.random import Generator
 
 from sextant.errors import UserError
-from sextant.worlds.office_plan import CEILING_M, WALL_M, Box, Doorway, FloorPlan, Room, RoomKind, doorway, facing, with_windows
+from sextant.worlds.office_plan import (
+    CEILING_M,
+    WALL_M,
+    Box,
+    Doorway,
+    FloorPlan,
+    Room,
+    RoomKind,
+    doorway,
+    facing,
+    with_windows,
+)
 
 #: least and greatest width and depth of a building, metres
 SIZES_M = ((12.0, 200.0), (9.0, 120.0))
@@ -31,7 +42,9 @@ def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
     width, height = float(size[0]), float(size[1])
     levels, depth = _rows(height)
     pitch = 2 * depth + CORRIDOR_M + 3 * WALL_M
-    corridors = [(0.0, k * pitch + depth + WALL_M, width, k * pitch + depth + WALL_M + CORRIDOR_M) for k in range(levels)]
+    corridors = [
+        (0.0, k * pitch + depth + WALL_M, width, k * pitch + depth + WALL_M + CORRIDOR_M) for k in range(levels)
+    ]
     crossings = _crossings(width, levels)
     rooms = [Room(RoomKind.CORRIDOR, box) for box in corridors]
     doors: list[Doorway] = []
@@ -44,8 +57,7 @@ def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
         for y0, inner in ((k * pitch, k > 0), (corridors[k][3] + WALL_M, k < levels - 1)):
             cuts = [(x - CORRIDOR_M / 2 - WALL_M, x + CORRIDOR_M / 2 + WALL_M) for x in crossings] if inner else []
             for low, high in _between(0.0, width, cuts):
-                for box in split(low, high, rng):
-                    rooms.append(Room(RoomKind.OFFICE, (box[0], y0, box[1], y0 + depth)))
+                rooms += [Room(RoomKind.OFFICE, (a, y0, b, y0 + depth)) for a, b in split(low, high, rng)]
     rooms = name_rooms(rooms, rng)
     doors += doors_to_corridors(rooms, rng)
     return FloorPlan(tuple(rooms), tuple(doors), with_windows(rooms, rng))
@@ -92,7 +104,9 @@ def name_rooms(rooms: list[Room], rng: Generator) -> list[Room]:
     wide = 1.4 * float(np.median([rooms[i].area_m2 for i in offices])) if offices else 0.0
     narrow = [i for i in offices if rooms[i].area_m2 <= wide]
     named, wide_seen = [], 0
-    kitchens = set(rng.choice(narrow, min(len(narrow), 1 + len(offices) // 22), replace=False).tolist()) if narrow else set()
+    kitchens = (
+        set(rng.choice(narrow, min(len(narrow), 1 + len(offices) // 22), replace=False).tolist()) if narrow else set()
+    )
     for i, room in enumerate(rooms):
         kind = room.kind
         if kind is RoomKind.OFFICE:
@@ -114,7 +128,9 @@ def doors_to_corridors(rooms: list[Room], rng: Generator, done: set[int] | None 
     for i, room in enumerate(rooms):
         if room.kind is RoomKind.CORRIDOR or i in (done or ()):
             continue
-        common = [(span[1] - span[0], j, span) for j in corridors if (span := facing(room.box, rooms[j].box, WALL_M + 0.01))]
+        common = [
+            (span[1] - span[0], j, span) for j in corridors if (span := facing(room.box, rooms[j].box, WALL_M + 0.01))
+        ]
         if common and max(common)[0] >= 1.2:
             _, j, (low, high) = max(common)
             doors.append(_door(rooms, i, j, low, high, rng))
@@ -131,7 +147,9 @@ def _door(rooms: list[Room], i: int, j: int, low: float, high: float, rng: Gener
     start = high - inset - wide if high_end else low + inset
     shut = kind is RoomKind.STORE or rng.random() < 0.1
     leaf = "none" if wide > 1.2 else ("closed" if shut else "open")
-    return doorway(rooms, i, j, start, start + wide, leaf=leaf, hinge_high=high_end, angle=float(rng.uniform(1.45, 1.62)))
+    return doorway(
+        rooms, i, j, start, start + wide, leaf=leaf, hinge_high=high_end, angle=float(rng.uniform(1.45, 1.62))
+    )
 
 
 __all__ = ["SIZES_M", "Box", "procedural_plan"]

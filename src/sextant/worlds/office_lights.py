@@ -8,7 +8,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from sextant.worlds.lamps import Lamps
-from sextant.worlds.office_plan import CEILING_M, HEAD_M, SILL_M, Box, FloorPlan, Room, RoomKind, Side, Window
+from sextant.worlds.office_plan import CEILING_M, HEAD_M, SILL_M, WALL_M, Box, FloorPlan, Room, RoomKind, Side, Window
 from sextant.worlds.shading.interior import SHADOW_STEPS
 
 #: side of a cell in metres, and lights kept a cell
@@ -71,7 +71,7 @@ def room_fills(plan: FloorPlan, lit_by_day: Float64[ndarray, "n"]) -> list[tuple
     for room, area, lit in zip(plan.rooms, glass, lit_by_day, strict=True):
         columns, rows = lattice(room)
         lamp = 0.2 + 0.55 * min(columns * rows / room.area_m2, 0.3)
-        fills.append((lamp, float(min(0.03 + 1.1 * area / room.area_m2, 0.28)), float(lit)))
+        fills.append((lamp, float(min(0.03 + 1.5 * area / room.area_m2, 0.34)), float(lit)))
     return fills
 
 
@@ -98,7 +98,7 @@ def room_lights(plan: FloorPlan, footprints: list[tuple[Box, float]]) -> RoomLig
         i = window.room
         _light(cells, grid, _niche(plan.rooms[i], window), 0.15, position, first[i], first[i + 1])
     for i, room in enumerate(plan.rooms):
-        _light(cells, grid, room.box, 0.0, position, first[i], first[i + 1])
+        _light(cells, grid, room.box, WALL_M / 2, position, first[i], first[i + 1])
     for box, depth in footprints:
         part, inside, _ = grid.within(box, 0.0)
         dark[part] = np.maximum(dark[part], np.where(inside, depth, 0.0))
@@ -130,7 +130,13 @@ class _Grid:
 
 
 def _light(
-    cells: Int32[ndarray, "gx gy k"], grid: _Grid, box: Box, margin: float, position: Float64[ndarray, "n 3"], first: int, end: int
+    cells: Int32[ndarray, "gx gy k"],
+    grid: _Grid,
+    box: Box,
+    margin: float,
+    position: Float64[ndarray, "n 3"],
+    first: int,
+    end: int,
 ) -> None:
     """Writes the lights ``first`` to ``end`` into the cells of a box, nearest first."""
     part, inside, xy = grid.within(box, margin)

@@ -96,7 +96,14 @@ class Parts:
         self._meshes.append(instances(quads(corners[None]).reshape(1, 2, 3, 3), row))
 
     def template(
-        self, frame: Frame, triangles: Float64[ndarray, "t 3 3"], z: float, colour: object, *, gloss: float = 0.05, seed: float = 0.0
+        self,
+        frame: Frame,
+        triangles: Float64[ndarray, "t 3 3"],
+        z: float,
+        colour: object,
+        *,
+        gloss: float = 0.05,
+        seed: float = 0.0,
     ) -> None:
         """Triangles given in the frame of the thing, of one plain colour."""
         row = surface_rows(Kind.PLAIN, 1, seed=seed, colour=colour, origin=(frame.x, frame.y, z), parameters=(gloss,))

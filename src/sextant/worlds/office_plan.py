@@ -268,7 +268,9 @@ def doorway(rooms: list[Room], first: int, second: int, low: float, high: float,
         ValueError: the rooms do not face each other.
     """
     a, b = rooms[first].box, rooms[second].box
-    for side, (near, far, vertical) in enumerate([(b[3], a[1], False), (a[2], b[0], True), (a[3], b[1], False), (b[2], a[0], True)]):
+    for side, (near, far, vertical) in enumerate(
+        [(b[3], a[1], False), (a[2], b[0], True), (a[3], b[1], False), (b[2], a[0], True)]
+    ):
         lap = (max(a[1], b[1]), min(a[3], b[3])) if vertical else (max(a[0], b[0]), min(a[2], b[2]))
         if near <= far and lap[0] < lap[1]:
             box = (near, low, far, high) if vertical else (low, near, high, far)
@@ -317,7 +319,9 @@ def _open_air(rooms: list[Room], number: int, side: Side) -> list[tuple[float, f
     """Stretches of a wall (metres from its start) with no room behind it."""
     room, reach = rooms[number], 2 * OUTER_WALL_M
     x0, y0, x1, y1 = room.box
-    strip = ((x0, y0 - reach, x1, y0), (x1, y0, x1 + reach, y1), (x0, y1, x1, y1 + reach), (x0 - reach, y0, x0, y1))[side]
+    strip = ((x0, y0 - reach, x1, y0), (x1, y0, x1 + reach, y1), (x0, y1, x1, y1 + reach), (x0 - reach, y0, x0, y1))[
+        side
+    ]
     level = side in (Side.SOUTH, Side.NORTH)
     low, high = (strip[0], strip[2]) if level else (strip[1], strip[3])
     taken = sorted(

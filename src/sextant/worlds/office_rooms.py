@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import shapely
@@ -81,7 +82,9 @@ class Furnisher:
         self.plan, self.fills, self.seed = plan, fills, seed
         self.found = Furnishing()
         lines = [np.vstack([track, track[-1:]]) for track in plan.tracks]
-        self._tracks = shapely.buffer(shapely.simplify(MultiLineString(lines), 0.01), KEEP_CLEAR_M, quad_segs=4) if lines else None
+        self._tracks = (
+            shapely.buffer(shapely.simplify(MultiLineString(lines), 0.01), KEEP_CLEAR_M, quad_segs=4) if lines else None
+        )
         if self._tracks is not None:
             shapely.prepare(self._tracks)
         self._taken: list[Box] = []
@@ -139,10 +142,17 @@ class Furnisher:
         return self._tracks is None or not shapely.intersects(self._tracks, shapely.box(*box))
 
     def _against_wall(
-        self, number: int, size: tuple[float, float, float], draw: Draw, *, sides: list[Side] | None = None, shade: float = 0.9,
-        front: float = 0.0, corner_first: bool = False,
+        self,
+        number: int,
+        size: tuple[float, float, float],
+        draw: Draw,
+        *,
+        sides: list[Side] | None = None,
+        shade: float = 0.9,
+        front: float = 0.0,
+        corner_first: bool = False,
     ) -> Frame | None:
-        """Stands a thing (width, depth, height) against a wall where it fits, with ``front`` metres clear before it."""  # fmt: skip
+        """Stands a thing (width, depth, height) against a wall where it fits, with ``front`` metres clear."""
         room = self.plan.rooms[number]
         width, depth, height = size
         tries = []
@@ -172,7 +182,9 @@ class Furnisher:
         if thing.box is not None:
             self._taken.append(thing.box)
 
-    def _stand(self, number: int, frame: Frame, size: tuple[float, float], draw: Draw, *, shade: float, loose: bool = False) -> bool:
+    def _stand(
+        self, number: int, frame: Frame, size: tuple[float, float], draw: Draw, *, shade: float, loose: bool = False
+    ) -> bool:
         """Stands a thing with its middle at the origin of ``frame``, if there is room."""
         wide = max(size) if loose else 0.0
         box = _box(frame, -size[0] / 2, size[0] / 2, -size[1] / 2, size[1] / 2)
@@ -187,7 +199,9 @@ class Furnisher:
         for _ in range(12):
             where = Side(int(self.rng.integers(4))) if side is None else side
             kind, print_seed = float(self.rng.random()), float(self.rng.random())
-            wide, high = size or ((1.2, 0.9) if kind > 0.7 else ((0.6, 0.84), (0.84, 0.6), (0.42, 0.6))[int(self.rng.integers(3))])
+            wide, high = size or (
+                (1.2, 0.9) if kind > 0.7 else ((0.6, 0.84), (0.84, 0.6), (0.42, 0.6))[int(self.rng.integers(3))]
+            )
             if room.length(where) < wide + 0.5:
                 continue
             s = float(self.rng.uniform(wide / 2 + 0.2, room.length(where) - wide / 2 - 0.2))
@@ -208,7 +222,7 @@ class Furnisher:
                 frame = wall_frame(room, window.side, (window.start + window.end) / 2, self.fills[number])
                 box = _box(frame, -wide / 2, wide / 2, 0.0, 0.1)
                 if self._free(number, box):
-                    self.found.things.append(Thing(frame, lambda parts, at, wide=wide: things.radiator(parts, at, wide), box, 0.5, number))  # type: ignore[misc]
+                    self.found.things.append(Thing(frame, partial(things.radiator, width=wide), box, 0.5, number))
 
     def _workplace(self, number: int) -> None:
         """A desk with a screen, small things and a chair."""
@@ -220,27 +234,36 @@ class Furnisher:
         def draw(parts: Parts, frame: Frame) -> None:
             things.desk(parts, frame, width, wood)
             for k, x in enumerate((-0.3, 0.3) if two else (0.05,)):
-                things.monitor(parts, frame.inner(x, 0.24, 0.12 - 0.24 * k if two else 0.0), 0.738, (seed + 0.37 * k) % 1, on=on)
+                things.monitor(
+                    parts, frame.inner(x, 0.24, 0.12 - 0.24 * k if two else 0.0), 0.738, (seed + 0.37 * k) % 1, on=on
+                )
 
         frame = self._against_wall(number, (width, 0.85, 0.75), draw, shade=0.75, front=0.35)
         if frame is None:
             return
         self.found.desktops.append(Desktop(frame, clutter_seed))
-        seat = frame.inner(float(rng.uniform(-0.25, 0.15)), 1.02 + float(rng.uniform(0, 0.15)), float(rng.normal(0, 0.35)))
-        self._stand(number, seat, (0.55, 0.5), lambda parts, at: things.office_chair(parts, at, fabric), shade=0.5, loose=True)
+        seat = frame.inner(
+            float(rng.uniform(-0.25, 0.15)), 1.02 + float(rng.uniform(0, 0.15)), float(rng.normal(0, 0.35))
+        )
+        self._stand(number, seat, (0.55, 0.5), partial(things.office_chair, colour=fabric), shade=0.5, loose=True)
 
     def _shelves(self, number: int, count: int) -> None:
         for _ in range(count):
-            width, height, seed = float(self.rng.choice([0.8, 1.0, 1.2])), float(self.rng.choice([1.5, 1.9, 2.1])), float(self.rng.random())
+            width, height, seed = (
+                float(self.rng.choice([0.8, 1.0, 1.2])),
+                float(self.rng.choice([1.5, 1.9, 2.1])),
+                float(self.rng.random()),
+            )
             wood = self.wood
             if self.rng.random() < 0.65:
                 self._against_wall(
-                    number, (width, 0.36, height), lambda p, f, w=width, h=height, s=seed: things.shelf(p, f, w, h, wood, s),  # type: ignore[misc]
+                    number, (width, 0.36, height),
+                    partial(things.shelf, width=width, height=height, colour=wood, seed=seed),
                     front=0.3, corner_first=True,
                 )  # fmt: skip
             else:
                 self._against_wall(
-                    number, (width, 0.46, height), lambda p, f, w=width, h=height: things.cupboard(p, f, w, h, wood),  # type: ignore[misc]
+                    number, (width, 0.46, height), partial(things.cupboard, width=width, height=height, colour=wood),
                     front=0.3, corner_first=True,
                 )  # fmt: skip
 
@@ -250,12 +273,21 @@ class Furnisher:
         if rng.random() < 0.6:
             seed = float(rng.random())
             self._against_wall(
-                number, (0.6, 0.6, 0.9), lambda parts, at: things.plant(parts, at.inner(0, 0.3), seed), shade=0.55, corner_first=True
+                number,
+                (0.6, 0.6, 0.9),
+                _at(0.3, partial(things.plant, seed=seed)),
+                shade=0.55,
+                corner_first=True,
             )
         if rng.random() < 0.7:
-            self._against_wall(number, (0.32, 0.34, 0.4), lambda parts, at: things.bin_(parts, at.inner(0, 0.18)), shade=0.8)
+            self._against_wall(number, (0.32, 0.34, 0.4), _at(0.18, things.bin_), shade=0.8)
         if rng.random() < 0.5:
-            self._against_wall(number, (0.5, 0.5, 0.9), lambda parts, at: things.chair(parts, at.inner(0, 0.26, np.pi), fabric), shade=0.4)
+            self._against_wall(
+                number,
+                (0.5, 0.5, 0.9),
+                _at(0.26, partial(things.chair, colour=fabric), np.pi),
+                shade=0.4,
+            )
 
     def _office(self, number: int) -> None:
         room = self.plan.rooms[number]
@@ -272,7 +304,7 @@ class Furnisher:
             if width < max(room.width, room.depth) - 0.5:
                 self._against_wall(
                     number, (width, 0.8, 0.9 if k == 0 else 1.5),
-                    lambda p, f, w=width, s=seed: things.bench(p, f, w, np.random.default_rng(s)), front=0.5, corner_first=True,  # type: ignore[misc]
+                    partial(things.bench, width=width, seed=seed), front=0.5, corner_first=True,
                 )  # fmt: skip
         self._island(number, float(rng.uniform(1.6, 2.4)), 0.9, seats=2)
         for _ in range(2):
@@ -286,23 +318,41 @@ class Furnisher:
         x0, y0, x1, y1 = room.box
         middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
         heading = 0.0 if room.width >= room.depth else np.pi / 2
-        grid = np.stack(np.meshgrid(np.arange(x0 + 0.9, x1 - 0.8, 0.2), np.arange(y0 + 0.9, y1 - 0.8, 0.2)), -1).reshape(-1, 2)
+        grid = np.stack(
+            np.meshgrid(np.arange(x0 + 0.9, x1 - 0.8, 0.2), np.arange(y0 + 0.9, y1 - 0.8, 0.2)), -1
+        ).reshape(-1, 2)
         for x, y in grid[np.argsort(np.linalg.norm(grid - middle, axis=1), kind="stable")]:
             frame = Frame(float(x), float(y), heading, self.fills[number])
             room_for = _box(frame, -width / 2 - 0.15, width / 2 + 0.15, -depth / 2 - 0.55, depth / 2 + 0.55)
             if self._free(number, room_for):
-                self._stand(number, frame, (width, depth), lambda p, f: things.table(p, f, width, depth, wood), shade=0.5)
+                self._stand(
+                    number,
+                    frame,
+                    (width, depth),
+                    partial(things.table, width=width, depth=depth, colour=wood),
+                    shade=0.5,
+                )
                 for k in range(seats):
                     for way in (-1, 1):
-                        seat = frame.inner((k + 0.5) * width / seats - width / 2, way * (depth / 2 + 0.27), (0 if way > 0 else np.pi) + float(rng.normal(0, 0.12)))
-                        self._stand(number, seat, (0.46, 0.46), lambda p, f: things.chair(p, f, fabric), shade=0.4, loose=True)
+                        seat = frame.inner(
+                            (k + 0.5) * width / seats - width / 2,
+                            way * (depth / 2 + 0.27),
+                            (0 if way > 0 else np.pi) + float(rng.normal(0, 0.12)),
+                        )
+                        self._stand(
+                            number, seat, (0.46, 0.46), partial(things.chair, colour=fabric), shade=0.4, loose=True
+                        )
                 return
 
     def _kitchen(self, number: int) -> None:
         room, rng, wood = self.plan.rooms[number], self.rng, self.wood
         width, seed = min(3.0, max(room.width, room.depth) - 0.9), int(self.rng.integers(1 << 30))
         self._against_wall(
-            number, (width, 0.64, 2.1), lambda p, f: things.kitchen_row(p, f, width, wood, np.random.default_rng(seed)), front=0.7, corner_first=True
+            number,
+            (width, 0.64, 2.1),
+            partial(things.kitchen_row, width=width, colour=wood, seed=seed),
+            front=0.7,
+            corner_first=True,
         )
         self._against_wall(number, (0.64, 0.68, 1.8), things.fridge, front=0.5, corner_first=True)
         self._island(number, min(1.4, 0.5 * max(room.width, room.depth)), 0.75, seats=int(rng.integers(1, 3)))
@@ -320,9 +370,17 @@ class Furnisher:
         rng, fabric, wood = self.rng, self.fabric, self.wood
         for _ in range(3):
             width = float(rng.choice([1.5, 1.9]))
-            frame = self._against_wall(number, (width, 0.82, 0.8), lambda p, f, w=width: things.sofa(p, f, w, fabric), front=0.9)  # type: ignore[misc]
+            frame = self._against_wall(
+                number, (width, 0.82, 0.8), partial(things.sofa, width=width, colour=fabric), front=0.9
+            )
             if frame is not None:
-                self._stand(number, frame.inner(0.0, 1.3), (0.8, 0.5), lambda p, f: things.table(p, f, 0.8, 0.5, wood, 0.42), shade=0.6)
+                self._stand(
+                    number,
+                    frame.inner(0.0, 1.3),
+                    (0.8, 0.5),
+                    partial(things.table, width=0.8, depth=0.5, colour=wood, height=0.42),
+                    shade=0.6,
+                )
         self._island(number, 1.2, 0.8, seats=2)
         for _ in range(3):
             self._small(number)
@@ -341,11 +399,13 @@ class Furnisher:
             s = high + 0.24 if high + 0.4 < room.length(side) else low - 0.24
             frame, seed = wall_frame(room, side, s, self.fills[number]), float(rng.random())
             self._walls[side].append((s - 0.12, s + 0.12))
-            self.found.things.append(Thing(frame, lambda p, f, n=seed: things.name_plate(p, f, n), None, 0.0, number))  # type: ignore[misc]
+            self.found.things.append(Thing(frame, partial(things.name_plate, seed=seed), None, 0.0, number))
         long = max(room.width, room.depth)
         sides = [side for side in Side if room.length(side) > 3]
         for k in range(max(1, round(long / 14))):
-            self._mount(number, sides[int(rng.integers(len(sides)))] if sides else Side.SOUTH, things.extinguisher, first=k)
+            self._mount(
+                number, sides[int(rng.integers(len(sides)))] if sides else Side.SOUTH, things.extinguisher, first=k
+            )
         for _ in range(round(long / 4.0)):
             if sides:
                 self._hang(number, side=sides[int(rng.integers(len(sides)))])
@@ -353,14 +413,31 @@ class Furnisher:
             for _ in range(round(long / 6.0)):
                 what, seed = rng.random(), float(rng.random())
                 if what < 0.4:
-                    self._against_wall(number, (1.0, 0.4, 1.2), lambda p, f: things.cupboard(p, f, 1.0, 1.1, self.wood, depth=0.36), sides=sides or None)
+                    self._against_wall(
+                        number,
+                        (1.0, 0.4, 1.2),
+                        partial(things.cupboard, width=1.0, height=1.1, colour=self.wood, depth=0.36),
+                        sides=sides or None,
+                    )
                 elif what < 0.65:
-                    self._against_wall(number, (0.56, 0.5, 0.9), lambda p, f, s=seed: things.plant(p, f.inner(0, 0.26), s), sides=sides or None, shade=0.55)  # type: ignore[misc]
+                    self._against_wall(
+                        number,
+                        (0.56, 0.5, 0.9),
+                        _at(0.26, partial(things.plant, seed=seed)),
+                        sides=sides or None,
+                        shade=0.55,
+                    )
                 elif what < 0.8:
                     self._against_wall(number, (0.7, 0.7, 1.1), things.copier, sides=sides or None)
                 else:
                     fabric = self.fabric
-                    self._against_wall(number, (0.5, 0.5, 0.9), lambda p, f: things.chair(p, f.inner(0, 0.26, np.pi), fabric), sides=sides or None, shade=0.4)
+                    self._against_wall(
+                        number,
+                        (0.5, 0.5, 0.9),
+                        _at(0.26, partial(things.chair, colour=fabric), np.pi),
+                        sides=sides or None,
+                        shade=0.4,
+                    )
 
     def _mount(self, number: int, side: Side, draw: Draw, first: int) -> None:
         """Hangs a thing on a bare stretch of wall, away from the tracks."""
@@ -376,10 +453,14 @@ class Furnisher:
                 return
 
 
-def shifted(thing: Thing, things_there: list[Box], plan: FloorPlan, tracks: shapely.Geometry | None, rng: Generator) -> Thing:
+def shifted(
+    thing: Thing, things_there: list[Box], plan: FloorPlan, tracks: shapely.Geometry | None, rng: Generator
+) -> Thing:
     """A loose thing pushed up to 0.7 m away and turned, to where there is room; itself where there is none."""
     for _ in range(10):
-        moved = thing.frame.inner(*rng.uniform(-0.7, 0.7, 2), float(rng.uniform(-np.pi, np.pi)))
+        moved = thing.frame.inner(
+            float(rng.uniform(-0.7, 0.7)), float(rng.uniform(-0.7, 0.7)), float(rng.uniform(-np.pi, np.pi))
+        )
         reach = thing.reach + 0.06
         box = (moved.x - reach, moved.y - reach, moved.x + reach, moved.y + reach)
         x0, y0, x1, y1 = plan.rooms[thing.room].box
@@ -396,6 +477,15 @@ def keep_clear(plan: FloorPlan) -> shapely.Geometry | None:
         return None
     lines = MultiLineString([np.vstack([track, track[-1:]]) for track in plan.tracks])
     return shapely.buffer(shapely.simplify(lines, 0.01), KEEP_CLEAR_M, quad_segs=4)
+
+
+def _at(y: float, draw: Draw, turn: float = 0.0) -> Draw:
+    """Draws something whose middle is its origin ``y`` metres from the wall, turned."""
+
+    def drawn(parts: Parts, frame: Frame) -> None:
+        draw(parts, frame.inner(0.0, y, turn))
+
+    return drawn
 
 
 def _box(frame: Frame, x0: float, x1: float, y0: float, y1: float) -> Box:

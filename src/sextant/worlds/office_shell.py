@@ -4,6 +4,8 @@ Every room is a closed box of quadrilaterals that face inward, joined to its nei
 A hull of the whole building stands behind: no ray leaves it.
 """
 
+import itertools
+
 import numpy as np
 import shapely
 from jaxtyping import Float
@@ -12,7 +14,18 @@ from numpy import ndarray
 from sextant.worlds.mesh import Mesh, instances, quads
 from sextant.worlds.office_lights import lattice
 from sextant.worlds.office_parts import FILLS, Frame, Parts, Point
-from sextant.worlds.office_plan import CEILING_M, HEAD_M, OUTER_WALL_M, SILL_M, Doorway, FloorPlan, Room, RoomKind, Side, Window
+from sextant.worlds.office_plan import (
+    CEILING_M,
+    HEAD_M,
+    OUTER_WALL_M,
+    SILL_M,
+    Doorway,
+    FloorPlan,
+    Room,
+    RoomKind,
+    Side,
+    Window,
+)
 from sextant.worlds.surfaces import Kind, linear, palette, surface_rows
 
 #: depth of window niches, height of skirting boards, width and thickness of door frames, metres
@@ -40,7 +53,14 @@ def shell(plan: FloorPlan, seed: int, fills: list[Point]) -> Mesh:
     style = int(rng.integers(len(PALE)))
     corridor_floor = int(rng.integers(3))
     faces = [
-        _room(plan, number, PALE[style if rng.random() < 0.7 else int(rng.integers(len(PALE)))], corridor_floor, float(rng.random()), fills[number])
+        _room(
+            plan,
+            number,
+            PALE[style if rng.random() < 0.7 else int(rng.integers(len(PALE)))],
+            corridor_floor,
+            float(rng.random()),
+            fills[number],
+        )
         for number in range(len(plan.rooms))
     ]
     colour = DOORS[int(rng.integers(len(DOORS)))]
@@ -81,7 +101,9 @@ def doors_of(plan: FloorPlan, number: int) -> list[tuple[Doorway, Side]]:
     return found
 
 
-def _room(plan: FloorPlan, number: int, pale: Float[ndarray, "3"], corridor_floor: int, seed: float, fills: Point) -> Mesh:
+def _room(
+    plan: FloorPlan, number: int, pale: Float[ndarray, "3"], corridor_floor: int, seed: float, fills: Point
+) -> Mesh:
     room = plan.rooms[number]
     doors, windows = doors_of(plan, number), [w for w in plan.windows if w.room == number]
     wide_open = {side for door, side in doors if door.height > 2.6 and door.width > 0.9 * room.length(side)}
@@ -103,12 +125,22 @@ def _room(plan: FloorPlan, number: int, pale: Float[ndarray, "3"], corridor_floo
     colour = colours[corridor_floor % len(colours) if room.kind is RoomKind.CORRIDOR else int(seed * 31) % len(colours)]
     columns, rows = lattice(room)
     x0, y0, x1, y1 = room.box
-    floor = surface_rows(Kind.FLOOR, 1, seed=seed, colour=colour, origin=(x0, y0, 0.0), parameters=(float(kind), room.width, room.depth, mask))
+    floor = surface_rows(
+        Kind.FLOOR,
+        1,
+        seed=seed,
+        colour=colour,
+        origin=(x0, y0, 0.0),
+        parameters=(float(kind), room.width, room.depth, mask),
+    )
     top = surface_rows(
         Kind.CEILING, 1, seed=seed, colour=CEILING_COLOUR, origin=(x0, y0, CEILING_M),
         parameters=(0.6, 1.0, room.width, room.depth, mask, float(columns), float(rows)),
     )  # fmt: skip
-    meshes += [_level((x0, y0, x1, y1), 0.0, floor, up=True, fills=fills), _level((x0, y0, x1, y1), CEILING_M, top, up=False, fills=fills)]
+    meshes += [
+        _level((x0, y0, x1, y1), 0.0, floor, up=True, fills=fills),
+        _level((x0, y0, x1, y1), CEILING_M, top, up=False, fills=fills),
+    ]
     return Mesh.join(meshes)
 
 
@@ -116,7 +148,7 @@ def _pieces(length: float, holes: list[Rect]) -> list[Rect]:
     """A wall without its holes, cut at their ends."""
     edges = sorted({0.0, length, *(min(max(x, 0.0), length) for hole in holes for x in hole[:2])})
     found = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         z = 0.0
         for hole in sorted((h for h in holes if h[0] < (a + b) / 2 < h[1]), key=lambda h: h[2]):
             if hole[2] > z:
@@ -156,18 +188,30 @@ def _tunnel(plan: FloorPlan, door: Doorway, pale: Float[ndarray, "3"], fills: li
     for x, y, side in starts:
         frame = Frame(x, y, side * np.pi / 2, here)
         row = surface_rows(
-            Kind.WALL, 1, seed=0.4, colour=colour, second=SKIRTING if joined else colour, origin=(x, y, 0.0), heading=side * np.pi / 2,
+            Kind.WALL, 1, seed=0.4, colour=colour, second=SKIRTING if joined else colour, origin=(x, y, 0.0),
+            heading=side * np.pi / 2,
             parameters=(thick, CEILING_M if joined else door.height + 0.4, SKIRTING_M, 0.0, 0.0),
         )  # fmt: skip
         meshes.append(_upright(frame, [(0.0, thick, 0.0, door.height)], row))
     kind, colours = FLOORS[plan.rooms[door.rooms[0]].kind]
     if joined:
-        floor = surface_rows(Kind.FLOOR, 1, seed=0.5, colour=colours[0], origin=(x0, y0, 0.0), parameters=(float(kind), 1.0, 1.0, 0.0))
-        top = surface_rows(Kind.CEILING, 1, colour=CEILING_COLOUR, origin=(x0, y0, CEILING_M), parameters=(0.6, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+        floor = surface_rows(
+            Kind.FLOOR, 1, seed=0.5, colour=colours[0], origin=(x0, y0, 0.0), parameters=(float(kind), 1.0, 1.0, 0.0)
+        )
+        top = surface_rows(
+            Kind.CEILING,
+            1,
+            colour=CEILING_COLOUR,
+            origin=(x0, y0, CEILING_M),
+            parameters=(0.6, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0),
+        )
     else:
         floor = surface_rows(Kind.PLAIN, 1, colour=linear("#77746c"), parameters=(0.3,))
         top = surface_rows(Kind.PLAIN, 1, colour=colour, parameters=(0.0,))
-    meshes += [_level(door.box, 0.0, floor, up=True, fills=here), _level(door.box, door.height, top, up=False, fills=here)]
+    meshes += [
+        _level(door.box, 0.0, floor, up=True, fills=here),
+        _level(door.box, door.height, top, up=False, fills=here),
+    ]
     return Mesh.join(meshes)
 
 
@@ -188,7 +232,9 @@ def _niche(room: Room, window: Window, pale: Float[ndarray, "3"], fills: Point) 
     ])  # fmt: skip
     cheek = surface_rows(Kind.PLAIN, 1, colour=pale, parameters=(0.0,))
     cheek[:, FILLS] = fills
-    glass = surface_rows(Kind.WINDOW, 1, colour=FRAME, origin=corner(a, d, low), heading=frame.heading, parameters=(b - a, high - low))
+    glass = surface_rows(
+        Kind.WINDOW, 1, colour=FRAME, origin=corner(a, d, low), heading=frame.heading, parameters=(b - a, high - low)
+    )
     pane = _upright(frame.inner(0.0, -d), [(a, b, low, high)], glass)
     return Mesh.join([instances(quads(sides).reshape(1, -1, 3, 3), cheek), pane])
 
@@ -205,7 +251,9 @@ def leaf_frame(plan: FloorPlan, door: Doorway, fills: Point) -> tuple[Frame, boo
     return wall.inner(0.0, -0.03 if door.leaf == "closed" else 0.0, turn), at_end
 
 
-def _door(parts: Parts, plan: FloorPlan, door: Doorway, colour: Float[ndarray, "3"], seed: float, fills: list[Point]) -> None:
+def _door(
+    parts: Parts, plan: FloorPlan, door: Doorway, colour: Float[ndarray, "3"], seed: float, fills: list[Point]
+) -> None:
     """The frame on both faces of the wall, and the leaf."""
     if door.height > 2.6:
         return
@@ -237,7 +285,10 @@ def _hull(plan: FloorPlan) -> Mesh:
     low, high, faces = -0.3, CEILING_M + 0.4, []
     for polygon in shapely.get_parts(plan.local_building).tolist():
         ring = np.asarray(shapely.geometry.polygon.orient(polygon).exterior.coords)
-        bottom, top = np.column_stack([ring, np.full(len(ring), low)]), np.column_stack([ring, np.full(len(ring), high)])
+        bottom, top = (
+            np.column_stack([ring, np.full(len(ring), low)]),
+            np.column_stack([ring, np.full(len(ring), high)]),
+        )
         faces.append(quads(np.stack([bottom[:-1], bottom[1:], top[1:], top[:-1]], 1)).reshape(-1, 3, 3))
         for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(polygon)).tolist():
             corners = np.asarray(shapely.geometry.polygon.orient(triangle).exterior.coords)[:3]

@@ -83,9 +83,12 @@ class Renderer:
         scene: triangles and their surfaces.
         lamps: lights of the night.
         indoor: a world without sun, lit by its ceilings.
+        soft: asks by one more ray a sample how much sky each point sees: soft shade under cars and eaves, and grain unless
+            there are many samples a pixel. For pictures that people look at.
     """
 
-    def __init__(self, scene: Scene, lamps: Lamps | None = None, *, indoor: bool = False):
+    def __init__(self, scene: Scene, lamps: Lamps | None = None, *, indoor: bool = False, soft: bool = False):
+        self.soft = soft
         self.scene = scene
         self.lamps = lamps or Lamps.at(np.zeros((0, 3)))
         self.indoor = indoor
@@ -117,6 +120,9 @@ class Renderer:
         Args:
             motions: velocity in metres a second along world x, y, z and turn in radians a second about z.
             seeds: of the sensor noise.
+
+        Raises:
+            UserError: a pose is not finite, or lies inside a wall.
         """
         n, pixels = len(world_from_camera), rays.width * rays.height
         out = np.empty((n, pixels, 3), np.uint8)
@@ -152,8 +158,7 @@ class Renderer:
         motions: Float64[ndarray, "n 4"] | None,
     ) -> tuple[Float32[ndarray, "n p 3"], Int32[ndarray, "n p"], Float64[ndarray, "n p"]]:
         """Radiance, and the triangle and distance met by the first ray, of every pixel of some views."""
-        if not np.isfinite(world_from_camera).all():
-            raise UserError("a camera pose is not finite")
+        check_poses(self.scene, world_from_camera)
         n, per_view, samples = len(world_from_camera), len(rays.bearings), rays.samples
         poses = np.ascontiguousarray(world_from_camera[:, :3], np.float64)
         shift = np.zeros((n, 4)) if motions is None else motions * appearance.exposure_time_s
@@ -171,7 +176,7 @@ class Renderer:
                 own = slice(i * count, (i + 1) * count)
                 kernels.world_rays(poses[i], rays.bearings[cast], start, shift[i], origins[own], directions[own])
             met, far = self._meet(origins, directions, rays.pixel)
-            light, mirror = self._light(origins, directions, met, far, look, rays.pixel)
+            light, mirror = self._light(origins, directions, met, far, look, rays.pixel, samples)
             if look[WET] > 0:
                 self._reflect(origins, directions, far, light, mirror, look, rays.pixel)
             mean = np.empty((n * count // samples, 3), np.float32)
@@ -215,6 +220,7 @@ class Renderer:
         distance: Float64[ndarray, "r"],
         look: Float64[ndarray, "l"],
         pixel: float,
+        samples: int = 1,
     ) -> tuple[Float32[ndarray, "r 3"], Float32[ndarray, "r"]]:
         scene, n = self.scene, len(origins)
         sunny = np.zeros(n, np.uint8)
@@ -226,10 +232,17 @@ class Renderer:
             to_sun = np.empty((count, 3), np.float32)
             to_sun[:] = look[:3]
             sunny[at[:count]] = scene.blocked(starts[:count], to_sun) == MISS
+        open_sky = np.full(n, -1.0, np.float32)
+        if self.soft:
+            ways = np.empty((n, 3), np.float32)
+            count = kernels.sky_rays(
+                origins, directions, triangle, distance, scene.normals, scene.surface, scene.surfaces, samples, at, starts, ways
+            )
+            open_sky[at[:count]] = scene.blocked(starts[:count], ways[:count]) == MISS
         radiance, mirror = np.empty((n, 3), np.float32), np.empty(n, np.float32)
         lamps = self.lamps
         kernels.shade(
-            origins, directions, triangle, distance, sunny, scene.normals, scene.surface, scene.surfaces,
+            origins, directions, triangle, distance, sunny, open_sky, scene.normals, scene.surface, scene.surfaces,
             lamps.position, lamps.cells, lamps.origin, look, pixel, radiance, mirror,
         )  # fmt: skip
         return radiance, mirror
@@ -253,6 +266,22 @@ class Renderer:
             triangle, onward = self._meet(starts, ways, 3 * pixel)
             seen, _ = self._light(starts, ways, triangle, onward, look, 3 * pixel)
             radiance[at] += mirror[at, None] * np.minimum(seen, 4.0)
+
+
+def check_poses(scene: Scene, world_from_camera: Float64[ndarray, "n 4 4"]) -> None:
+    """Raises UserError for poses that are not finite or lie inside a solid, naming the first."""
+    finite = np.isfinite(world_from_camera).all((1, 2))
+    bad = np.flatnonzero(~finite)
+    if not len(bad):
+        bad = np.flatnonzero(scene.inside(world_from_camera[:, :3, 3]))
+    if len(bad):
+        x, y, z = world_from_camera[bad[0], :3, 3]
+        what = "lies inside a wall" if finite.all() else "is not finite"
+        more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
+        raise UserError(
+            f"camera pose {bad[0]} at ({x:.2f}, {y:.2f}, {z:.2f}) {what}{more}",
+            "Place cameras in streets or rooms: routes and the shots of the datasets do.",
+        )
 
 
 @lru_cache(maxsize=16)

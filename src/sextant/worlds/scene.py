@@ -7,11 +7,13 @@ from jaxtyping import Bool, Float, Float64, Int32
 from numpy import ndarray
 
 from sextant.worlds.mesh import Mesh
+from sextant.worlds.surfaces import KIND, Kind
 
 #: number that Embree gives where a ray hits nothing
 MISS = -1
 #: most rays handed to Embree at a time by the functions below: bounds their memory
 CHUNK = 1 << 20
+FOLIAGE = (Kind.LEAVES, Kind.CONIFER)
 
 
 class Scene:
@@ -68,13 +70,16 @@ class Scene:
         return distances
 
     def inside(self, points: Float64[ndarray, "n 3"]) -> Bool[ndarray, "n"]:
-        """Whether points lie within a solid: most of eight level rays from them first meet the back of a triangle."""
+        """Whether points lie within a solid: most of eight level rays from them first meet the back of a triangle.
+
+        Foliage has no inside.
+        """
         angle = 2 * np.pi * (np.arange(8) + 0.37) / 8
         directions = np.tile(np.stack([np.cos(angle), np.sin(angle), np.zeros(8)], -1), (len(points), 1))
-        origins = np.repeat(points, 8, axis=0)
-        triangle = self.hit(origins, directions)
-        behind = (np.einsum("ij,ij->i", self.normals[triangle], directions) > 0) & (triangle != MISS)
-        return behind.reshape(-1, 8).sum(1) > 4  # type: ignore[no-any-return]
+        triangle = self.hit(np.repeat(points, 8, axis=0), directions)
+        solid = (triangle != MISS) & ~np.isin(self.surfaces[self.surface[triangle], KIND], FOLIAGE)
+        behind = solid & (np.einsum("ij,ij->i", self.normals[triangle], directions) > 0)
+        return np.asarray(behind.reshape(-1, 8).sum(1) > 4)
 
     def _plane_distance(
         self, origins: Float64[ndarray, "r 3"], directions: Float64[ndarray, "r 3"], triangle: Int32[ndarray, "r"]

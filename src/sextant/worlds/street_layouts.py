@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from sextant.errors import UserError
 from sextant.worlds.street_graph import StreetGraph
 
-STREET_WIDTH_M = 7.0
+STREET_WIDTH_M = 8.0
 AVENUE_WIDTH_M = 12.0
 #: Every so many blocks an avenue.
 AVENUE_EVERY = 5
@@ -29,7 +29,7 @@ MAX_JUNCTIONS = 100_000
 def grid_streets(columns: int, rows: int, spacing_m: float, seed: int = 0, jitter_m: float = 0.0) -> StreetGraph:
     """Streets along a grid of ``columns × rows`` blocks, each corner moved by up to ``jitter_m`` in x and in y.
 
-    Every fifth street is an avenue of 12 m, the others are 7 m wide. The south-west corner is the origin. Node
+    Every fifth street is an avenue of 12 m, the others are 8 m wide. The south-west corner is the origin. Node
     ``j (columns + 1) + i`` is column ``i`` of row ``j``.
 
     Raises:

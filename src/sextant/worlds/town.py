@@ -24,7 +24,7 @@ from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.surfaces import Kind, palette, surface_rows
 from sextant.worlds.trees import Trees, tree_mesh
 
-LEAVES = {"fine": 900, "coarse": 80}
+LEAVES = {"fine": 1300, "coarse": 70}
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Town:
     Args:
         graph: its streets.
         seed: what is built along them.
-        detail: ``fine`` for pictures (trees of 520 leaves), ``coarse`` for whole cities.
+        detail: ``fine`` for pictures (trees of 1300 leaves), ``coarse`` for whole cities.
         density: how built-up the middle is, 0 a village to 1 a city centre.
     """
 
@@ -158,7 +158,7 @@ class Town:
         rng = np.random.default_rng([self.seed, 3])
         rows: list[tuple[float, float, float, float]] = []  # x, y, size, conifer
         for block, density in enumerate(self.districts):
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.75, shortest_m=16):
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.95, shortest_m=16):
                 if rng.random() < 0.62:
                     gap = rng.uniform(9, 15)
                     for s in np.arange(6 + rng.uniform(0, 4), side.length - 6, gap):
@@ -212,7 +212,7 @@ class Town:
         return Objects.of([
             (*side.at(s, 0.0), KERB_M, side.heading - np.pi / 2, rng.random())
             for block in range(len(self.ground.blocks))
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.45, shortest_m=10)
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.8, shortest_m=10)
             for s in np.arange(8 + 20 * (block % 2), side.length - 2, 32.0)
         ])  # fmt: skip
 
@@ -222,7 +222,7 @@ class Town:
         rng = np.random.default_rng([self.seed, 5])
         rows = []
         for block in range(len(self.ground.blocks)):
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.4, shortest_m=18):
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.8, shortest_m=18):
                 if rng.random() < 0.55:
                     rows.append((*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random()))
         return Objects.of(rows)
@@ -275,7 +275,7 @@ class Town:
             for side in self.ground.sides(block, inset=-PAVEMENT_M, shortest_m=24):
                 s = 9.0
                 while s < side.length - 11:
-                    x, y = side.at(s + 2.6, -0.62)
+                    x, y = side.at(s + 2.6, -0.4)
                     rows.append((x, y, 0.0, side.heading + np.pi * (rng.random() < 0.08), rng.random()))
                     s += rng.uniform(5.4, 6.6)
         return Objects.of(rows)
@@ -333,10 +333,10 @@ class Town:
             objects.car_mesh(position[~walks], heading[~walks], seed[~walks], fine=fine, moving=True),
         ])  # fmt: skip
 
-    def renderer(self, appearance: Appearance) -> Renderer:
+    def renderer(self, appearance: Appearance, *, soft: bool = False) -> Renderer:
         """A renderer of the town as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
         lights = objects.lamp_lights(self.lamps.position, self.lamps.heading)
-        return Renderer(Scene(self.mesh(appearance), watertight=self.detail == "fine"), Lamps.at(lights))
+        return Renderer(Scene(self.mesh(appearance), watertight=self.detail == "fine"), Lamps.at(lights), soft=soft)
 
 
 def _fitting(

@@ -34,7 +34,7 @@ def traced_streets(
     5. A share ``side_streets`` of the bends gets a side street at right angles: through to the next street if that is
        within ``reach_m``, else 50 to 110 m long, and none where it would pass another street by less than 30 m.
 
-    Streets driven more than once are avenues of 12 m, the others are 7 m wide.
+    Streets driven more than once are avenues of 12 m, the others are 8 m wide.
 
     Args:
         positions: metres, in the order of travel.

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from sextant.data.worlds.shots import SPLITS, Shots, WorldPlan
 from sextant.geometry import Camera, EquirectangularCamera, PerspectiveCamera
 from sextant.worlds.appearance import Appearance
 from sextant.worlds.renderer import Renderer
-from sextant.worlds.routes import drive
+from sextant.worlds.routes import DRIVER, Gait, drive
 from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.street_layouts import irregular_streets
 from sextant.worlds.tours import random_walk
@@ -109,10 +110,16 @@ class TownSeasonsPlan(_TownPlan):
         """A camera on the car, looking ahead."""
         return perspective(self.config["width"], self.config["height"], self.config["vfov_deg"])
 
+    @property
+    def gait(self) -> Gait:
+        """How the car wanders about its lane."""
+        wander = {"lateral_sigma_m": self.config["lateral_sigma_m"], "heading_sigma_rad": math.radians(self.config["heading_sigma_deg"])}
+        return replace(DRIVER, **wander)
+
     def graph(self, scene: int) -> StreetGraph:
         """Streets enough for the frames of the split, with room to turn."""
         block = self.config["block_m"]
-        length = 2.2 * self.config["frames"][SPLITS[scene]] * self.config["step_m"]
+        length = 2.5 * self.config["frames"][SPLITS[scene]] * self.config["step_m"]
         return irregular_streets(max(4 * block, math.sqrt(length * block / 2) + block), block, town_seed(self.config["seed"], scene))
 
     def lay_out(self) -> Shots:
@@ -121,9 +128,9 @@ class TownSeasonsPlan(_TownPlan):
         for split, name in enumerate(SPLITS):
             n, step = self.config["frames"][name], self.config["step_m"]
             graph, seed = self.graph(split), town_seed(self.config["seed"], split)
-            nodes = random_walk(graph, n * step + 200, seed)
+            nodes = random_walk(graph, 1.25 * n * step + 300, seed)  # corners are cut: the drive is shorter
             for k in range(len(self.appearances)):
-                route = drive(graph, nodes, seed=seed * 100 + k)
+                route = drive(graph, nodes, seed=seed * 100 + k, gait=self.gait)
                 still = np.gradient(route.arc_m, route.times) if len(route.times) > 1 else np.zeros(1)
                 sampled = route.sample_by_distance(step)
                 speed = np.interp(sampled.times, route.times, still)[:n]
@@ -184,7 +191,7 @@ class TownCityPlan(_TownPlan):
         frames, step = self.config["query_frames"], self.config["query_step_m"]
         for k in range(len(self.appearances) if frames else 0):
             seed = town_seed(self.config["seed"], 500 + k)
-            nodes = random_walk(self._graph, frames * step + 200, seed)
+            nodes = random_walk(self._graph, 1.25 * frames * step + 300, seed)
             route = drive(self._graph, nodes, seed=seed).sample_by_distance(step)
             qx, qy, heading = route.poses[:frames].T
             zero = np.zeros(len(qx))
@@ -265,7 +272,8 @@ class TownPanoramas(RenderedWorld):
 class TownSeasons(RenderedWorld):
     """Traverses of the same streets under several conditions, with poses; a town of its own for each split.
 
-    Keys: ``frames`` by split, ``step_m`` between frames, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions``,
+    Keys: ``frames`` by split, ``step_m`` between frames, ``lateral_sigma_m`` and ``heading_sigma_deg`` of the car's
+    wander, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions``,
     ``block_m``, ``seed``.
     """
 

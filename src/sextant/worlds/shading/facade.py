@@ -140,9 +140,10 @@ def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):  # type: ignore[
             half, sill, door = min(half, 0.75), 0.08, True
         if v > ground - 0.95 and v < ground - 0.22:  # the sign over the window
             hue = hash3(seed, 72, 0)
-            sr = 0.08 + 0.5 * clamp(abs(hue * 6.0 - 3.0) - 1.0, 0.0, 1.0)
-            sg = 0.06 + 0.35 * clamp(2.0 - abs(hue * 6.0 - 2.0), 0.0, 1.0)
-            sb = 0.06 + 0.45 * clamp(2.0 - abs(hue * 6.0 - 4.0), 0.0, 1.0)
+            bold = 0.1 + 0.25 * hash3(seed, 69, 0)
+            sr = 0.06 + bold * clamp(abs(hue * 6.0 - 3.0) - 1.0, 0.0, 1.0)
+            sg = 0.055 + 0.8 * bold * clamp(2.0 - abs(hue * 6.0 - 2.0), 0.0, 1.0)
+            sb = 0.05 + 0.9 * bold * clamp(2.0 - abs(hue * 6.0 - 4.0), 0.0, 1.0)
             letter = floor(u / 0.34)
             if v > ground - 0.8 and v < ground - 0.36 and abs(u - 0.5 * width) < 0.32 * width:
                 ink = hash3(letter, floor((v - ground) / 0.11), seed + 73)

@@ -1,6 +1,6 @@
 """The inner loops of the renderer: rays of a view, shadow rays, shading, and the development of the picture."""
 
-from math import cos, exp, floor, log, pi, pow, sqrt
+from math import cos, exp, floor, log, pi, pow, sin, sqrt
 
 from sextant.worlds.shading.compiled import compiled
 from sextant.worlds.shading.ground import puddle
@@ -68,7 +68,7 @@ def gaps(origins, directions, triangle, distance, surface, surfaces, footprint, 
         x = origins[i, 0] + d * directions[i, 0]
         y = origins[i, 1] + d * directions[i, 1]
         z = origins[i, 2] + d * directions[i, 2]
-        size = max(0.11, 1.2 * footprint * d)
+        size = max(0.07, 1.2 * footprint * d)
         if hash3(floor(x / size) * 7 + floor(z / size), floor(y / size) * 5 - floor(z / size), t) < 0.34:
             out[count] = i
             count += 1
@@ -108,13 +108,46 @@ def shadow_rays(origins, directions, triangle, distance, normals, surface, surfa
 
 
 @compiled
+def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, samples, at, starts, ways):  # type: ignore[no-untyped-def]
+    """One ray from each point that was met, by the cosine law about its normal: does it see the sky? Returns how many.
+
+    The ``samples`` rays of a pixel spread by a golden-ratio sequence, shifted by a hash of the pixel.
+    """
+    count = 0
+    for i in range(triangle.shape[0]):
+        t = triangle[i]
+        if t < 0:
+            continue
+        nx, ny, nz = normals[t, 0], normals[t, 1], normals[t, 2]
+        if nx * directions[i, 0] + ny * directions[i, 1] + nz * directions[i, 2] > 0.0:
+            nx, ny, nz = -nx, -ny, -nz
+        pixel, sample = i // samples, i % samples
+        z = sample * 0.7548776662466927 + hash3(pixel, 1, 17)
+        z = 2.0 * (z - floor(z)) - 1.0
+        turn = 2.0 * pi * (sample * 0.5698402909980532 + hash3(pixel, 2, 17))
+        level = sqrt(max(1.0 - z * z, 0.0))
+        wx, wy, wz = nx + 0.999 * level * cos(turn), ny + 0.999 * level * sin(turn), nz + 0.999 * z
+        n = 1.0 / sqrt(wx * wx + wy * wy + wz * wz)
+        d = distance[i]
+        lift = 0.3 if int(surfaces[surface[t], KIND]) == LEAVES else 0.003 + 2e-5 * d
+        starts[count, 0] = origins[i, 0] + d * directions[i, 0] + nx * lift
+        starts[count, 1] = origins[i, 1] + d * directions[i, 1] + ny * lift
+        starts[count, 2] = origins[i, 2] + d * directions[i, 2] + nz * lift
+        ways[count, 0], ways[count, 1], ways[count, 2] = wx * n, wy * n, wz * n
+        at[count] = i
+        count += 1
+    return count
+
+
+@compiled
 def shade(
-    origins, directions, triangle, distance, sunny, normals, surface, surfaces, lamps, lamp_cells, lamp_origin, look, pixel, radiance, mirror
+    origins, directions, triangle, distance, sunny, open_sky, normals, surface, surfaces, lamps, lamp_cells, lamp_origin, look, pixel, radiance, mirror
 ):  # type: ignore[no-untyped-def]
     """Linear radiance of every ray.
 
     ``albedo (sun max(n.s, 0) visible + sky (1 + n.z)/2 + bounce (1 - n.z)/2 + lamps) + emission + mirrored sky``, with snow
-    and wetness on what faces up, then fog by distance. Shares of wet ground that mirror are left in ``mirror`` for a second
+    and wetness on what faces up, then fog by distance. ``open_sky`` is 1 or 0 where a ray asked whether the point sees the sky,
+    -1 where it did not: then the sky's share is guessed from the normal and the height above the street. Shares of wet ground that mirror are left in ``mirror`` for a second
     cast.
     """
     sun_x, sun_y, sun_z = look[SUN_X], look[SUN_Y], look[SUN_Z]
@@ -180,9 +213,12 @@ def shade(
         if nz > 0.5:
             low = 0.86 if z < 1.0 else 0.95
         sky_light = up * low
-        lr = air_r * sky_light + look[BOUNCE_R] * (1.0 - up)
-        lg = air_g * sky_light + look[BOUNCE_G] * (1.0 - up)
-        lb = air_b * sky_light + look[BOUNCE_B] * (1.0 - up)
+        ground_light = 1.0 - up
+        if open_sky[i] >= 0.0:  # asked by a ray instead of guessed
+            sky_light, ground_light = 1.05 * open_sky[i], 0.85 * (1.0 - open_sky[i])
+        lr = air_r * sky_light + look[BOUNCE_R] * ground_light
+        lg = air_g * sky_light + look[BOUNCE_G] * ground_light
+        lb = air_b * sky_light + look[BOUNCE_B] * ground_light
         if sunny[i] != 0:
             facing = round_x * sun_x + round_y * sun_y + round_z * sun_z
             if leafy:
