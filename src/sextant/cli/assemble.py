@@ -39,10 +39,25 @@ def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
         ) from None
 
 
+def build_dataset(raw: Mapping[str, Any], config: Config) -> Any:
+    """The dataset, which looks in the data folder first and in the cache second."""
+    return build(raw, "dataset", roots=list(dict.fromkeys([Path(config.paths.data), Path(config.paths.cache)])))
+
+
 def build_source(raw: Mapping[str, Any], config: Config) -> ImageSource:
-    """The dataset's source, which looks in the data folder first and in the cache second."""
-    roots = list(dict.fromkeys([Path(config.paths.data), Path(config.paths.cache)]))
-    return build(raw, "dataset", roots=roots)  # type: ignore[no-any-return]
+    """The dataset as a source of labelled images.
+
+    Raises:
+        UserError: it has no labels, or cannot be built.
+    """
+    source = build_dataset(raw, config)
+    if not hasattr(source, "spec"):
+        name = getattr(source, "name", raw["dataset"].get("_target_"))
+        raise UserError(
+            f"dataset={name} holds no labelled images, which task=classification needs",
+            "Choose digits, mnist, fashion_mnist, cifar10 or image_folder; worlds are rendered by sextant data render.",
+        )
+    return source  # type: ignore[no-any-return]
 
 
 def build_classification(

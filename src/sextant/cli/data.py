@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.assemble import build_source
+from sextant.cli.assemble import build_dataset
 from sextant.cli.compose import compose, conf_dir, groups, to_plain
 from sextant.cli.console import console, key_value_table
 from sextant.config import validate
@@ -109,7 +109,7 @@ def _plan(overrides: Sequence[str]) -> "tuple[RenderPlan, Path]":
     if not _is_rendered(target):
         chosen = next(override for override in overrides if override.startswith("dataset="))
         raise UserError(f"{chosen} is not rendered: there is nothing to do", _rendered_datasets())
-    source: Any = build_source(raw, config)
+    source: Any = build_dataset(raw, config)
     return source.plan(), Path(config.paths.cache)
 
 

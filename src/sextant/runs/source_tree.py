@@ -15,6 +15,8 @@ NOT_COMPUTING = (
     "tracking/",
     "cli/report",
     "cli/dashboard",
+    "cli/data",
+    "cli/gallery",
     "cli/runs",
     "cli/show",
     "cli/progress",

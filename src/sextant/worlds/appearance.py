@@ -65,6 +65,9 @@ class Appearance:
             value = getattr(self, name)
             if not (isinstance(value, int | float) and math.isfinite(value) and low <= value <= high):
                 raise UserError(f"appearance.{name} is {value!r}; it must be a number from {low:g} to {high:g}")
+        if self.change_seed != int(self.change_seed):
+            raise UserError(f"appearance.change_seed is {self.change_seed!r}; it must be a whole number")
+        object.__setattr__(self, "change_seed", int(self.change_seed))
 
     @property
     def structure(self) -> tuple[float | int, ...]:

@@ -121,7 +121,7 @@ class Ground:
         start = ends[:, 0] + along * back[:, :1]
         end = ends[:, 1] - along * back[:, 1:]
         normal = np.stack([-along[:, 1], along[:, 0]], -1) * (graph.widths[:, None] / 2 - 0.06)
-        z = np.full((len(start), 1), 0.004)
+        z = 0.004 + 0.002 * self._levels()[:, None]
         corners = np.stack([np.hstack([p, z]) for p in (start - normal, end - normal, end + normal, start + normal)], 1)
         crossing = (degree > 2).astype(float) * (np.random.default_rng([3, len(start)]).random(degree.shape) < 0.6)
         rows = surface_rows(
@@ -130,6 +130,16 @@ class Ground:
             parameters=(np.linalg.norm(end - start, axis=1), graph.widths / 2, np.where(graph.widths > 9, 2.0, 1.0), crossing[:, 0], crossing[:, 1]),
         )  # fmt: skip
         return instances(quads(corners)[fits], rows[fits])
+
+    def _levels(self) -> Float64[ndarray, "e"]:
+        """0, 1 or 2 for each street: strips that meet at a bend overlap, and must not lie in one plane."""
+        graph = self.graph
+        levels = np.full(len(graph.edges), -1.0)
+        for e, ends in enumerate(graph.edges.tolist()):
+            bends = [node for node in ends if graph.degrees[node] == 2]
+            near = {levels[graph.edge_between(node, other)] for node in bends for other in graph.neighbours[node]}
+            levels[e] = min({0.0, 1.0, 2.0} - near)
+        return levels
 
 
 def _polygons(shape: shapely.Geometry) -> list[Polygon]:

@@ -171,7 +171,8 @@ def _walls(
             origin=placed[:, 0, 0], heading=b.heading + side * np.pi / 2,
             parameters=(width[:, side], h, b.ground, b.storeys, bays, shown, b.window, b.wall, np.where(party | small, 1.0, 0.0), trim),
         )  # fmt: skip
-        meshes.append(instances(placed, rows))
+        meshes.append(instances(placed[:, :2], rows))
+        meshes.append(instances(placed[peak > 0, 2:], rows[peak > 0]))
     return Mesh.join(meshes)
 
 
@@ -209,6 +210,8 @@ def _roofs(
             ridge = np.stack([p(x0, zero, h + rise + 0.5), p(x1, zero, h + rise + 0.5)], 1)
             faces.append(np.stack([high[0], high[1], ridge[:, 1], ridge[:, 0]], 1))
             faces.append(np.stack([high[2], high[3], ridge[:, 0], ridge[:, 1]], 1))
+            faces.append(np.stack([high[1], high[2], ridge[:, 1], ridge[:, 1]], 1))
+            faces.append(np.stack([high[3], high[0], ridge[:, 0], ridge[:, 0]], 1))
         else:
             slope = rise / (s / 2)
             eave = h - slope * o
@@ -227,7 +230,8 @@ def _roofs(
             faces.append(np.stack([c + drop, a + drop, p(-l / 2, -s / 2, h - 0.2), p(l / 2, -s / 2, h - 0.2)], 1))
             faces.append(np.stack([e + drop, d + drop, p(l / 2, s / 2, h - 0.2), p(-l / 2, s / 2, h - 0.2)], 1))
         triangles = quads(np.stack(faces, 1)).reshape(len(at), -1, 3, 3)
-        placed = place(triangles, b.position[at], heading)
+        areas = np.linalg.norm(np.cross(triangles[:, :, 1] - triangles[:, :, 0], triangles[:, :, 2] - triangles[:, :, 0]), axis=-1)
+        placed = place(triangles[:, (areas > 0).any(0)], b.position[at], heading)  # a triangular end is a quad of which half is nothing
         shingle = np.where((form == MANSARD), np.array([0.09, 0.095, 0.105]), tile[at])
         grey = np.broadcast_to(np.array([0.21, 0.205, 0.2]), (len(at), 3))
         rows = surface_rows(

@@ -124,6 +124,7 @@ class Renderer:
         Raises:
             UserError: a pose is not finite, or lies inside a wall.
         """
+        check_poses(self.scene, world_from_camera)
         n, pixels = len(world_from_camera), rays.width * rays.height
         out = np.empty((n, pixels, 3), np.uint8)
         gain = white_balance(appearance.temperature_k) * 2.0**appearance.exposure_ev * EXPOSURE
@@ -132,7 +133,7 @@ class Renderer:
         for start in range(0, n, together):
             part = slice(start, min(start + together, n))
             moving = None if motions is None else motions[part]
-            radiance, _, _ = self._views(rays, world_from_camera[part], appearance, moving)
+            radiance, _ = self._views(rays, world_from_camera[part], appearance, moving)
             for i in range(part.start, part.stop):
                 kernels.develop(
                     radiance[i - start], rays.width, gain, curve, appearance.read_noise, appearance.shot_noise,
@@ -144,8 +145,13 @@ class Renderer:
         self, rays: Rays, world_from_camera: Float64[ndarray, "4 4"], appearance: Appearance, *, motion: Motion = STILL
     ) -> View:
         """Radiance, exact distance and surface of every pixel."""
+        check_poses(self.scene, world_from_camera[None])
         motions = np.array([[*motion.velocity, motion.turn_rate]])
-        radiance, triangle, distance = self._views(rays, world_from_camera[None], appearance, motions)
+        radiance, triangle = self._views(rays, world_from_camera[None], appearance, motions)
+        origins, directions = np.empty((2, *rays.bearings.shape))  # in float64 for the distance
+        shift = motions[0] * appearance.exposure_time_s
+        kernels.world_rays(np.ascontiguousarray(world_from_camera[:3], np.float64), rays.bearings, 0, shift, origins, directions)
+        distance = self.scene.plane_distance(origins[:: rays.samples], directions[:: rays.samples], triangle[0])
         surface = np.where(triangle == MISS, MISS, self.scene.surface[triangle]).astype(np.int32)
         shape = (rays.height, rays.width)
         return View(radiance.reshape(*shape, 3), distance.reshape(shape), surface.reshape(shape))
@@ -156,16 +162,14 @@ class Renderer:
         world_from_camera: Float64[ndarray, "n 4 4"],
         appearance: Appearance,
         motions: Float64[ndarray, "n 4"] | None,
-    ) -> tuple[Float32[ndarray, "n p 3"], Int32[ndarray, "n p"], Float64[ndarray, "n p"]]:
-        """Radiance, and the triangle and distance met by the first ray, of every pixel of some views."""
-        check_poses(self.scene, world_from_camera)
+    ) -> tuple[Float32[ndarray, "n p 3"], Int32[ndarray, "n p"]]:
+        """Radiance, and the triangle met by the first ray, of every pixel of some views."""
         n, per_view, samples = len(world_from_camera), len(rays.bearings), rays.samples
         poses = np.ascontiguousarray(world_from_camera[:, :3], np.float64)
         shift = np.zeros((n, 4)) if motions is None else motions * appearance.exposure_time_s
         look = self._look(appearance)
         radiance = np.empty((n, per_view // samples, 3), np.float32)
         triangle = np.empty((n, per_view // samples), np.int32)
-        distance = np.empty((n, per_view // samples))
         step = per_view if per_view <= CHUNK else CHUNK // samples * samples
         for start in range(0, per_view, step):
             cast = slice(start, min(start + step, per_view))
@@ -176,15 +180,15 @@ class Renderer:
                 own = slice(i * count, (i + 1) * count)
                 kernels.world_rays(poses[i], rays.bearings[cast], start, shift[i], origins[own], directions[own])
             met, far = self._meet(origins, directions, rays.pixel)
-            light, mirror = self._light(origins, directions, met, far, look, rays.pixel, samples)
+            number = np.tile(np.arange(cast.start, cast.stop), n)  # of each ray in its own view
+            light, mirror = self._light(origins, directions, met, far, look, rays.pixel, number, samples)
             if look[WET] > 0:
-                self._reflect(origins, directions, far, light, mirror, look, rays.pixel)
+                self._reflect(origins, directions, far, light, mirror, look, rays.pixel, number, samples)
             mean = np.empty((n * count // samples, 3), np.float32)
             kernels.average(light, samples, mean)
             radiance[:, part] = mean.reshape(n, -1, 3)
             triangle[:, part] = met[::samples].reshape(n, -1)
-            distance[:, part] = far[::samples].reshape(n, -1)
-        return radiance, triangle, distance
+        return radiance, triangle
 
     def _look(self, appearance: Appearance) -> Float64[ndarray, "l"]:
         return pack(appearance, indoor=self.indoor)
@@ -220,7 +224,8 @@ class Renderer:
         distance: Float64[ndarray, "r"],
         look: Float64[ndarray, "l"],
         pixel: float,
-        samples: int = 1,
+        number: Int64[ndarray, "r"],
+        samples: int,
     ) -> tuple[Float32[ndarray, "r 3"], Float32[ndarray, "r"]]:
         scene, n = self.scene, len(origins)
         sunny = np.zeros(n, np.uint8)
@@ -236,7 +241,7 @@ class Renderer:
         if self.soft:
             ways = np.empty((n, 3), np.float32)
             count = kernels.sky_rays(
-                origins, directions, triangle, distance, scene.normals, scene.surface, scene.surfaces, samples, at, starts, ways
+                origins, directions, triangle, distance, scene.normals, scene.surface, scene.surfaces, number, samples, at, starts, ways
             )
             open_sky[at[:count]] = scene.blocked(starts[:count], ways[:count]) == MISS
         radiance, mirror = np.empty((n, 3), np.float32), np.empty(n, np.float32)
@@ -256,6 +261,8 @@ class Renderer:
         mirror: Float32[ndarray, "r"],
         look: Float64[ndarray, "l"],
         pixel: float,
+        number: Int64[ndarray, "r"],
+        samples: int,
     ) -> None:
         """Adds what wet ground mirrors, by one more cast."""
         at = np.empty(len(mirror), np.int64)
@@ -264,7 +271,7 @@ class Renderer:
         if count:
             at, starts, ways = at[:count], starts[:count], ways[:count]
             triangle, onward = self._meet(starts, ways, 3 * pixel)
-            seen, _ = self._light(starts, ways, triangle, onward, look, 3 * pixel)
+            seen, _ = self._light(starts, ways, triangle, onward, look, 3 * pixel, number[at], samples)
             radiance[at] += mirror[at, None] * np.minimum(seen, 4.0)
 
 

@@ -66,7 +66,7 @@ class Scene:
         distances = np.empty(len(origins))
         for start in range(0, len(origins), CHUNK):
             part = slice(start, start + CHUNK)
-            distances[part] = self._plane_distance(origins[part], directions[part], self.hit(origins[part], directions[part]))
+            distances[part] = self.plane_distance(origins[part], directions[part], self.hit(origins[part], directions[part]))
         return distances
 
     def inside(self, points: Float64[ndarray, "n 3"]) -> Bool[ndarray, "n"]:
@@ -81,9 +81,10 @@ class Scene:
         behind = solid & (np.einsum("ij,ij->i", self.normals[triangle], directions) > 0)
         return np.asarray(behind.reshape(-1, 8).sum(1) > 4)
 
-    def _plane_distance(
+    def plane_distance(
         self, origins: Float64[ndarray, "r 3"], directions: Float64[ndarray, "r 3"], triangle: Int32[ndarray, "r"]
     ) -> Float64[ndarray, "r"]:
+        """Distance along unit ``directions`` to the plane of each ray's ``triangle``; infinite for ``MISS``."""
         normal = self.normals[triangle]
         along = np.einsum("ij,ij->i", normal, directions)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -46,7 +46,7 @@ def _car(form: int, fine: bool) -> Float64[ndarray, "t 3 3"]:
     wheel = wheel[:, :, [0, 2, 1]] * np.array([1, -1, 1])  # its axis from z to -y
     for x in (-0.3 * l, 0.3 * l):
         triangles.append(wheel + np.array([x, -w + 0.2, 0.33]))
-        triangles.append(wheel * np.array([1, -1, 1]) + np.array([x, w - 0.2, 0.33]))
+        triangles.append(wheel[:, ::-1] * np.array([1, -1, 1]) + np.array([x, w - 0.2, 0.33]))
     return np.concatenate(triangles)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
+from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from sextant.errors import UserError
@@ -66,15 +67,25 @@ class Town:
         seed: what is built along them.
         detail: ``fine`` for pictures (trees of 1300 leaves), ``coarse`` for whole cities.
         density: how built-up the middle is, 0 a village to 1 a city centre.
+        keep_clear: places (x, y) of cameras: no car, person, trunk, post, hedge or fence stands within a step of them.
     """
 
-    def __init__(self, graph: StreetGraph, seed: int, *, detail: str = "fine", density: float = 0.75):
+    def __init__(
+        self,
+        graph: StreetGraph,
+        seed: int,
+        *,
+        detail: str = "fine",
+        density: float = 0.75,
+        keep_clear: Float64[ndarray, "n 2"] | None = None,
+    ):
         if detail not in LEAVES:
             raise UserError(f"town.detail is {detail!r}; it must be one of {', '.join(LEAVES)}")
         if not 0 <= density <= 1:
             raise UserError(f"town.density is {density}; it must be from 0 to 1")
         self.graph, self.seed, self.detail, self.density = graph, seed, detail, density
         self.ground = Ground(graph)
+        self._cameras = None if keep_clear is None or not len(keep_clear) else cKDTree(keep_clear)
 
     # -- what stands where ---------------------------------------------------------------------------------------------
 
@@ -152,6 +163,20 @@ class Town:
         clear[near] = False
         return clear
 
+    def _apart(
+        self, points: Float64[ndarray, "n 2"], metres: float, heading: Float64[ndarray, "n"] | None = None, reach: object = 0.0
+    ) -> Bool[ndarray, "n"]:
+        """Which things keep a distance from every camera; those that are long reach to both sides along ``heading``."""
+        apart = np.ones(len(points), bool)
+        if self._cameras is None or not len(points):
+            return apart
+        if heading is None:
+            return np.asarray(self._cameras.query(points)[0] > metres)
+        along = np.stack([np.cos(heading), np.sin(heading)], -1) * np.broadcast_to(np.asarray(reach), len(points))[:, None]
+        for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
+            apart &= self._cameras.query(points + share * along)[0] > metres
+        return apart
+
     @cached_property
     def trees(self) -> Trees:
         """Trees along pavements, in gardens, parks and the country."""
@@ -171,7 +196,7 @@ class Town:
         table = np.array(rows).reshape(-1, 4)
         keep = self._clear(table[:, :2], 1.6)
         street = shapely.contains_xy(self.ground.roads, table[:, 0], table[:, 1])
-        table = table[keep & ~street]
+        table = table[keep & ~street & self._apart(table[:, :2], 1.6)]
         n = len(table)
         position = np.column_stack([table[:, :2], np.full(n, KERB_M)])
         return Trees(position, rng.uniform(0, 2 * np.pi, n), table[:, 2], table[:, 3] > 0, rng.random(n))
@@ -209,12 +234,13 @@ class Town:
     def lamps(self) -> Objects:
         """Street lamps by the kerb, reaching over the road."""
         rng = np.random.default_rng([self.seed, 4])
-        return Objects.of([
+        lamps = Objects.of([
             (*side.at(s, 0.0), KERB_M, side.heading - np.pi / 2, rng.random())
             for block in range(len(self.ground.blocks))
             for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.8, shortest_m=10)
             for s in np.arange(8 + 20 * (block % 2), side.length - 2, 32.0)
         ])  # fmt: skip
+        return lamps.where(self._apart(lamps.position[:, :2], 0.6))
 
     @cached_property
     def signs(self) -> Objects:
@@ -225,7 +251,8 @@ class Town:
             for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.8, shortest_m=18):
                 if rng.random() < 0.55:
                     rows.append((*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random()))
-        return Objects.of(rows)
+        signs = Objects.of(rows)
+        return signs.where(self._apart(signs.position[:, :2], 0.9))
 
     @cached_property
     def benches(self) -> Objects:
@@ -263,7 +290,8 @@ class Town:
         colour = np.where(is_hedge[:, None], palette("#4d6b2f"), palette("#b9ab8f", "#6b4a32", "#d8d4c8")[(rng.random(len(where)) * 3).astype(int)])
         rows = surface_rows(Kind.HEDGE, len(where), seed=rng.random(len(where)), colour=colour, origin=where, heading=np.array(heading))
         rows[:, 0] = kind
-        clear = self._clear(where[:, :2], 0.4) & ~shapely.contains_xy(self.ground.roads, where[:, 0], where[:, 1])
+        clear = self._apart(where[:, :2], 1.1, np.array(heading), 0.5 * np.array(size)[:, 0])
+        clear &= self._clear(where[:, :2], 0.4) & ~shapely.contains_xy(self.ground.roads, where[:, 0], where[:, 1])
         return boxes(where[clear], np.array(size)[clear], np.array(heading)[clear], rows[clear])
 
     @cached_property
@@ -278,7 +306,10 @@ class Town:
                     x, y = side.at(s + 2.6, -0.4)
                     rows.append((x, y, 0.0, side.heading + np.pi * (rng.random() < 0.08), rng.random()))
                     s += rng.uniform(5.4, 6.6)
-        return Objects.of(rows)
+        places = Objects.of(rows)
+        x, y = places.rows[:, :2].T
+        far_out = shapely.contains_xy(self.ground.roads.buffer(-0.75), x, y)  # sides follow a bent kerb only roughly
+        return places.where(~far_out & self._apart(places.position[:, :2], 1.45, places.heading, 2.0))
 
     # -- appearance ----------------------------------------------------------------------------------------------------
 
@@ -328,9 +359,11 @@ class Town:
         heading = np.arctan2(along[:, 1], along[:, 0]) + np.where(way > 0, 0.0, np.pi)
         seed = rng.random(n)
         position = np.column_stack([place, np.where(walks, KERB_M, 0.0)])
+        people = walks & self._apart(place, 0.9)
+        cars = ~walks & self._apart(place, 1.45, heading, 2.0)
         return Mesh.join([
-            objects.person_mesh(position[walks], heading[walks], seed[walks]),
-            objects.car_mesh(position[~walks], heading[~walks], seed[~walks], fine=fine, moving=True),
+            objects.person_mesh(position[people], heading[people], seed[people]),
+            objects.car_mesh(position[cars], heading[cars], seed[cars], fine=fine, moving=True),
         ])  # fmt: skip
 
     def renderer(self, appearance: Appearance, *, soft: bool = False) -> Renderer:

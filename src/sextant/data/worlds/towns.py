@@ -41,7 +41,9 @@ class _TownPlan(WorldPlan):
 
     def town(self, scene: int) -> Town:
         """A town; no two scenes share a seed."""
-        return Town(self.graph(scene), town_seed(self.config["seed"], scene), detail=self.detail, density=self.density(scene))
+        cameras = self.shots.pose[self.shots.scene == scene, :2]
+        seed = town_seed(self.config["seed"], scene)
+        return Town(self.graph(scene), seed, detail=self.detail, density=self.density(scene), keep_clear=cameras)
 
     def density(self, scene: int) -> float:
         """How built-up a town is."""
@@ -86,7 +88,7 @@ class TownPanoramasPlan(_TownPlan):
                 n = wanted * (k + 1) // len(scenes) - wanted * k // len(scenes)
                 rng = np.random.default_rng([self.config["seed"], 78, scene])
                 condition = np.sort(rng.permutation(n) % len(self.appearances))
-                pose = _street_poses(self.graph(scene), n, rng)
+                pose = street_poses(self.graph(scene), n, rng)
                 parts.append(Shots.of(
                     scene, condition, split, place + np.arange(n), pose,
                     sun_turn_deg=rng.uniform(-180, 180, n), exposure_ev=rng.normal(0, 0.25, n),
@@ -211,7 +213,7 @@ def _size_facts(graphs: Sequence[StreetGraph]) -> dict[str, Any]:
     }
 
 
-def _street_poses(graph: StreetGraph, n: int, rng: np.random.Generator) -> Float64[ndarray, "n 6"]:
+def street_poses(graph: StreetGraph, n: int, rng: np.random.Generator) -> Float64[ndarray, "n 6"]:
     """Places to stand with a camera: in a lane or on a pavement, away from walls, trunks and parked cars."""
     edge = rng.choice(len(graph.edges), n, p=graph.lengths / graph.lengths.sum())
     start, end = graph.nodes[graph.edges[edge, 0]], graph.nodes[graph.edges[edge, 1]]

@@ -108,10 +108,10 @@ def shadow_rays(origins, directions, triangle, distance, normals, surface, surfa
 
 
 @compiled
-def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, samples, at, starts, ways):  # type: ignore[no-untyped-def]
+def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, number, samples, at, starts, ways):  # type: ignore[no-untyped-def]
     """One ray from each point that was met, by the cosine law about its normal: does it see the sky? Returns how many.
 
-    The ``samples`` rays of a pixel spread by a golden-ratio sequence, shifted by a hash of the pixel.
+    The ``samples`` rays of a pixel, told by the ``number`` of the ray in its view, spread by a golden-ratio sequence, shifted by a hash of the pixel.
     """
     count = 0
     for i in range(triangle.shape[0]):
@@ -121,7 +121,7 @@ def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces
         nx, ny, nz = normals[t, 0], normals[t, 1], normals[t, 2]
         if nx * directions[i, 0] + ny * directions[i, 1] + nz * directions[i, 2] > 0.0:
             nx, ny, nz = -nx, -ny, -nz
-        pixel, sample = i // samples, i % samples
+        pixel, sample = number[i] // samples, number[i] % samples
         z = sample * 0.7548776662466927 + hash3(pixel, 1, 17)
         z = 2.0 * (z - floor(z)) - 1.0
         turn = 2.0 * pi * (sample * 0.5698402909980532 + hash3(pixel, 2, 17))

@@ -1,0 +1,42 @@
+"""A bird's-eye map: blocks, houses, trees, and ways through them."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from numpy import ndarray
+
+from sextant.figures.style import COLOURS, new_figure
+
+
+def street_map(
+    lots: Iterable[Float[ndarray, "k 2"]],
+    houses: Float[ndarray, "n 4 2"],
+    trees: Float[ndarray, "t 2"],
+    routes: Mapping[str, Float[ndarray, "p 2"]],
+    bounds: tuple[float, float, float, float],
+) -> Figure:
+    """Outlines seen from above, metres east and north, with each route as a line from a dot.
+
+    Args:
+        lots: outlines of what the streets leave.
+        houses: corners of footprints.
+        trees: where they stand.
+        routes: positions by name.
+        bounds: left, bottom, right, top of the map.
+    """
+    left, bottom, right, top = bounds
+    figure, (axes,) = new_figure(8, 8 * (top - bottom) / (right - left))
+    axes.set_facecolor("#d9d7d2")
+    axes.add_collection(PolyCollection(list(lots), facecolor="#e9ecdf", edgecolor="#c4c2bb", linewidth=0.4))
+    axes.add_collection(PolyCollection(list(houses), facecolor="#b59f8d", edgecolor="#8d7968", linewidth=0.3))
+    axes.scatter(*np.asarray(trees).T, s=2.5, color="#7fa36b", linewidths=0)
+    for colour, (name, positions) in zip(COLOURS, routes.items(), strict=False):
+        axes.add_collection(LineCollection([positions], color=colour, linewidth=1.8, label=name))
+        axes.plot(*positions[0], "o", color=colour, markersize=6)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="metres east", ylabel="metres north")
+    if routes:
+        axes.legend(loc="upper right", fontsize=8)
+    return figure
