@@ -164,6 +164,33 @@ class TownCity(Part):
     seed: Seed = Field(examples=[0])
 
 
+class Laser(Node):
+    """A laser scanner."""
+
+    beams: Annotated[int, Field(ge=1, le=10000)] = Field(examples=[180])
+    field_of_view_rad: Annotated[float, Field(gt=0, le=6.2832)] = Field(examples=[3.1415])
+    max_range_m: Positive = Field(examples=[15.0])
+    range_sigma_m: NonNegative = Field(examples=[0.02])
+    dropout: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.01])
+
+
+class OfficeWalk(Part):
+    """A robot in an office."""
+
+    target: Literal["sextant.data.worlds.OfficeWalk"] = Field(alias="_target_")
+    size_m: list[Annotated[float, Field(ge=9, le=200)]] = Field(min_length=2, max_length=2, examples=["[46.0,16.0]"])
+    metres: list[Annotated[float, Field(gt=2, le=10000)]] = Field(min_length=2, examples=["[160.0,80.0]"])
+    trajectories: list[str] = Field(examples=["[cold/map.json,cold/seq1_night1.json]"])
+    every: Count = Field(examples=[2])
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[64])
+    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[60.0])
+    samples: Samples = Field(examples=[4])
+    conditions: Conditions
+    laser: Laser
+    seed: Seed = Field(examples=[0])
+
+
 Dataset = Annotated[
     Annotated[Digits, Tag("sextant.data.digits.Digits")]
     | Annotated[MNIST, Tag("sextant.data.mnist.MNIST")]
@@ -173,8 +200,9 @@ Dataset = Annotated[
     | Annotated[TownPanoramas, Tag("sextant.data.worlds.TownPanoramas")]
     | Annotated[TownSeasons, Tag("sextant.data.worlds.TownSeasons")]
     | Annotated[TownCity, Tag("sextant.data.worlds.TownCity")]
+    | Annotated[OfficeWalk, Tag("sextant.data.worlds.OfficeWalk")]
     | Annotated[CustomPart, Tag("custom")],
-    _choose_part(Digits, MNIST, FashionMNIST, CIFAR10, ImageFolder, TownPanoramas, TownSeasons, TownCity),
+    _choose_part(Digits, MNIST, FashionMNIST, CIFAR10, ImageFolder, TownPanoramas, TownSeasons, TownCity, OfficeWalk),
 ]
 
 # -------------------------------------------------------------------------------------------------------- corruptions

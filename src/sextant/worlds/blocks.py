@@ -16,7 +16,7 @@ from sextant.worlds.mesh import Mesh, instances, quads
 from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.surfaces import Kind, palette, surface_rows
 
-PAVEMENT_M, KERB_M, COUNTRY_M = 2.6, 0.12, 900.0
+PAVEMENT_M, KERB_M, COUNTRY_M = 3.4, 0.12, 900.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,10 @@ class Ground:
 
     def __init__(self, graph: StreetGraph):
         self.graph = graph
-        lines = [LineString(graph.nodes[edge]).buffer(width / 2, quad_segs=3) for edge, width in zip(graph.edges, graph.widths, strict=True)]
+        lines = [
+            LineString(graph.nodes[edge]).buffer(width / 2, quad_segs=3)
+            for edge, width in zip(graph.edges, graph.widths, strict=True)
+        ]
         roads = unary_union(lines)
         roads = roads.buffer(4.0, quad_segs=3).buffer(-4.0, quad_segs=3)  # rounded kerbs
         left, bottom, right, top = graph.bounds
@@ -93,7 +96,14 @@ class Ground:
         """Ground triangles; ``green[i]`` gives the lot of block ``i`` a lawn, otherwise it is paved."""
         left, bottom, right, top = self.graph.bounds
         far = 6000.0
-        corners = np.array([[left - far, bottom - far, 0], [right + far, bottom - far, 0], [right + far, top + far, 0], [left - far, top + far, 0]])
+        corners = np.array(
+            [
+                [left - far, bottom - far, 0],
+                [right + far, bottom - far, 0],
+                [right + far, top + far, 0],
+                [left - far, top + far, 0],
+            ]
+        )
         base = surface_rows(Kind.ROAD, 1, parameters=(1e4, 1e4, 0.0))
         parts = [instances(quads(corners[None]).reshape(1, 2, 3, 3), base), self._streets()]
         for i, (block, lot) in enumerate(zip(self.blocks, self.lots, strict=True)):
@@ -137,7 +147,7 @@ class Ground:
         levels = np.full(len(graph.edges), -1.0)
         for e, ends in enumerate(graph.edges.tolist()):
             bends = [node for node in ends if graph.degrees[node] == 2]
-            near = {levels[graph.edge_between(node, other)] for node in bends for other in graph.neighbours[node]}
+            near = {levels[graph.edge_between(node, other) or 0] for node in bends for other in graph.neighbours[node]}
             levels[e] = min({0.0, 1.0, 2.0} - near)
         return levels
 
@@ -164,7 +174,10 @@ def _kerb(block: Polygon) -> Mesh:
     whole = shapely.geometry.polygon.orient(block)
     for ring in (whole.exterior, *whole.interiors):
         corners = np.asarray(ring.coords)
-        low, high = np.column_stack([corners, np.zeros(len(corners))]), np.column_stack([corners, np.full(len(corners), KERB_M)])
+        low, high = (
+            np.column_stack([corners, np.zeros(len(corners))]),
+            np.column_stack([corners, np.full(len(corners), KERB_M)]),
+        )
         faces.append(quads(np.stack([low[:-1], low[1:], high[1:], high[:-1]], 1)).reshape(-1, 3, 3))
     stone = surface_rows(Kind.KERB, 1, colour=palette("#b4b0a8"))
     return instances(np.concatenate(faces)[None], stone)

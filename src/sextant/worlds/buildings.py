@@ -27,7 +27,20 @@ from sextant.worlds.surfaces import Kind, palette, surface_rows
 
 FLAT, GABLE, HIP, MANSARD = range(4)
 #: colours of walls by what they are made of, of trims and doors, of roofs
-PLASTER_COLOURS = palette("#efe6d2", "#e8d3a8", "#dcb98a", "#e3c9b5", "#f1efe8", "#c9d2cf", "#d9a58a", "#b9c4a6", "#e9dfc0", "#c98f6b", "#d8d4c8", "#aab7c4")
+PLASTER_COLOURS = palette(
+    "#efe6d2",
+    "#e8d3a8",
+    "#dcb98a",
+    "#e3c9b5",
+    "#f1efe8",
+    "#c9d2cf",
+    "#d9a58a",
+    "#b9c4a6",
+    "#e9dfc0",
+    "#c98f6b",
+    "#d8d4c8",
+    "#aab7c4",
+)
 BRICK_COLOURS = palette("#8a5646", "#9b6650", "#7a5347", "#ab8163", "#6b4a40", "#bfa485")
 STONE_COLOURS = palette("#c8bda4", "#b7ad98", "#d6cdb8", "#a39d92")
 PANEL_COLOURS = palette("#b9bcbd", "#8e9599", "#d5d6d3", "#6f777d", "#a8a294", "#c5b8a5")
@@ -87,7 +100,9 @@ def design(
     draw = rng.random((12, n))
     office = (density > 0.72) & (draw[0] < 0.3)
     dense = density > 0.45
-    storeys = np.where(dense, 2 + np.floor(4.4 * density * draw[1] + 0.8), 1 + np.floor(1.75 * draw[1] + 0.35)).astype(np.int64)
+    storeys = np.where(dense, 2 + np.floor(4.4 * density * draw[1] + 0.8), 1 + np.floor(1.75 * draw[1] + 0.35)).astype(
+        np.int64
+    )
     storeys = np.where(office, 4 + np.floor(5 * draw[1]).astype(np.int64), storeys)
     use = np.where(draw[2] < np.clip(1.5 * density - 0.4, 0, 0.85), SHOP, np.where(draw[2] > 0.8, GARAGE, HOME))
     use = np.where(office, OFFICE, use)
@@ -100,7 +115,9 @@ def design(
     )
     walls = np.where(office, np.where(draw[5] < 0.7, PANELS, STONE), walls)
     window = np.where(
-        dense, np.select([draw[6] < 0.4, draw[6] < 0.65], [SASH, FRENCH], SQUARE), np.select([draw[6] < 0.35], [SASH], SQUARE)
+        dense,
+        np.select([draw[6] < 0.4, draw[6] < 0.65], [SASH, FRENCH], SQUARE),
+        np.select([draw[6] < 0.35], [SASH], SQUARE),
     )
     window = np.where(office, np.where(draw[6] < 0.55, RIBBON, CURTAIN), window)
     roof = np.where(
@@ -111,10 +128,14 @@ def design(
     roof = np.where(office | (storeys > 5), FLAT, roof)
     across = ~terraced & (draw[8] < 0.35)
     span = np.where(across, footprint[:, 0], footprint[:, 1])
-    rise = np.select([roof == FLAT, roof == MANSARD], [0.0, 2.3 + 0.5 * draw[9]], np.clip(span * (0.26 + 0.16 * draw[9]), 1.2, 5.5))
+    rise = np.select(
+        [roof == FLAT, roof == MANSARD], [0.0, 2.3 + 0.5 * draw[9]], np.clip(span * (0.26 + 0.16 * draw[9]), 1.2, 5.5)
+    )
     height = ground + (storeys - 1) * storey_height + np.where(storeys > 1, 0.35, 0.25)
     size = np.stack([footprint[:, 0], footprint[:, 1], height], -1)
-    return Buildings(position, heading, size, roof, rise, across, storeys, ground, use, window, walls, attached, draw[10])
+    return Buildings(
+        position, heading, size, roof, rise, across, storeys, ground, use, window, walls, attached, draw[10]
+    )
 
 
 def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int, *, fine: bool = True) -> Mesh:
@@ -134,7 +155,11 @@ def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int, *
     trim = TRIM_COLOURS[(style[2] * len(TRIM_COLOURS)).astype(int)]
     door = DOOR_COLOURS[(style[3] * len(DOOR_COLOURS)).astype(int)]
     tile = TILE_COLOURS[(style[5] * len(TILE_COLOURS)).astype(int)] * (0.85 + 0.3 * style[6])[:, None]
-    parts = [_walls(b, colour, door, style[2], seed), _roofs(b, tile, colour, seed), _details(b, colour, trim, seed, fine)]
+    parts = [
+        _walls(b, colour, door, style[2], seed),
+        _roofs(b, tile, colour, seed),
+        _details(b, colour, trim, seed, fine),
+    ]
     return Mesh.join(parts)
 
 
@@ -148,7 +173,15 @@ def _walls(
     """Four walls a building: front, right, back, left; gables reach up to the ridge."""
     w, d, h = b.size.T
     gable = (b.roof == GABLE).astype(float) * b.rise
-    starts = np.stack([np.stack([-w / 2, -d / 2], -1), np.stack([w / 2, -d / 2], -1), np.stack([w / 2, d / 2], -1), np.stack([-w / 2, d / 2], -1)], 1)
+    starts = np.stack(
+        [
+            np.stack([-w / 2, -d / 2], -1),
+            np.stack([w / 2, -d / 2], -1),
+            np.stack([w / 2, d / 2], -1),
+            np.stack([-w / 2, d / 2], -1),
+        ],
+        1,
+    )
     ends = np.roll(starts, -1, axis=1)
     width = np.stack([w, d, w, d], 1)
     meshes = []
@@ -164,7 +197,12 @@ def _walls(
         placed = place(triangles, b.position, b.heading)
         party = b.attached[:, 0] if side == 3 else (b.attached[:, 1] if side == 1 else np.zeros(len(b), bool))
         small = width[:, side] < 2.2
-        bays = np.maximum(1, np.round(width[:, side] / np.select([b.window == RIBBON, b.window == CURTAIN], [3.2, 1.7], 2.5 + 0.9 * seed)))
+        bays = np.maximum(
+            1,
+            np.round(
+                width[:, side] / np.select([b.window == RIBBON, b.window == CURTAIN], [3.2, 1.7], 2.5 + 0.9 * seed)
+            ),
+        )
         shown = np.where(side == 0, b.use, np.where(b.use == OFFICE, OFFICE, HOME))
         rows = surface_rows(
             Kind.FACADE, len(b), seed=(seed * 4 + side) / 4 % 1.0, colour=colour, second=second,
@@ -205,7 +243,12 @@ def _roofs(
             i = 0.32 * rise
             low = [p(-l / 2, -s / 2, h), p(l / 2, -s / 2, h), p(l / 2, s / 2, h), p(-l / 2, s / 2, h)]
             x0, x1 = -l / 2 + np.where(joined[:, 0], 0.0, i), l / 2 - np.where(joined[:, 1], 0.0, i)
-            high = [p(x0, -s / 2 + i, h + rise), p(x1, -s / 2 + i, h + rise), p(x1, s / 2 - i, h + rise), p(x0, s / 2 - i, h + rise)]
+            high = [
+                p(x0, -s / 2 + i, h + rise),
+                p(x1, -s / 2 + i, h + rise),
+                p(x1, s / 2 - i, h + rise),
+                p(x0, s / 2 - i, h + rise),
+            ]
             faces = [np.stack([low[k], low[(k + 1) % 4], high[(k + 1) % 4], high[k]], 1) for k in range(4)]
             ridge = np.stack([p(x0, zero, h + rise + 0.5), p(x1, zero, h + rise + 0.5)], 1)
             faces.append(np.stack([high[0], high[1], ridge[:, 1], ridge[:, 0]], 1))
@@ -230,8 +273,12 @@ def _roofs(
             faces.append(np.stack([c + drop, a + drop, p(-l / 2, -s / 2, h - 0.2), p(l / 2, -s / 2, h - 0.2)], 1))
             faces.append(np.stack([e + drop, d + drop, p(l / 2, s / 2, h - 0.2), p(-l / 2, s / 2, h - 0.2)], 1))
         triangles = quads(np.stack(faces, 1)).reshape(len(at), -1, 3, 3)
-        areas = np.linalg.norm(np.cross(triangles[:, :, 1] - triangles[:, :, 0], triangles[:, :, 2] - triangles[:, :, 0]), axis=-1)
-        placed = place(triangles[:, (areas > 0).any(0)], b.position[at], heading)  # a triangular end is a quad of which half is nothing
+        areas = np.linalg.norm(
+            np.cross(triangles[:, :, 1] - triangles[:, :, 0], triangles[:, :, 2] - triangles[:, :, 0]), axis=-1
+        )
+        placed = place(
+            triangles[:, (areas > 0).any(0)], b.position[at], heading
+        )  # a triangular end is a quad of which half is nothing
         shingle = np.where((form == MANSARD), np.array([0.09, 0.095, 0.105]), tile[at])
         grey = np.broadcast_to(np.array([0.21, 0.205, 0.2]), (len(at), 3))
         rows = surface_rows(
@@ -250,7 +297,13 @@ def _beside(b: Buildings, at: Int64[ndarray, "k"], offset: Float64[ndarray, "k 3
 
 
 def _boxes(
-    b: Buildings, at: Int64[ndarray, "k"], offset: object, size: object, colour: object, kind: Kind = Kind.PLAIN, gloss: float = 0.0
+    b: Buildings,
+    at: Int64[ndarray, "k"],
+    offset: object,
+    size: object,
+    colour: object,
+    kind: Kind = Kind.PLAIN,
+    gloss: float = 0.0,
 ) -> Mesh:
     """A box on each of the buildings ``at``; ``offset`` and ``size`` are triples of scalars or ``(k,)``."""
     k = len(at)
@@ -259,7 +312,9 @@ def _boxes(
     where = np.stack([np.broadcast_to(np.asarray(v, float), k) for v in offset], -1)  # type: ignore[attr-defined]
     extent = np.stack([np.broadcast_to(np.asarray(v, float), k) for v in size], -1)  # type: ignore[attr-defined]
     base = _beside(b, at, where)
-    rows = surface_rows(kind, k, seed=b.seed[at], colour=colour, origin=base, heading=b.heading[at], parameters=(gloss,))
+    rows = surface_rows(
+        kind, k, seed=b.seed[at], colour=colour, origin=base, heading=b.heading[at], parameters=(gloss,)
+    )
     return boxes(base, extent, b.heading[at], rows, bottom=True)
 
 
@@ -279,20 +334,50 @@ def _details(
     pitched = n[(b.roof != FLAT) & (pick[0] < 0.7)]
     top = h + b.rise
     side = np.where(pick[1] < 0.5, -1.0, 1.0)
-    parts.append(_boxes(b, pitched, (side[pitched] * 0.3 * w[pitched], 0.12 * d[pitched], h[pitched]), (0.55, 0.75, 0.9 + b.rise[pitched]), (0.25, 0.12, 0.08)))
+    parts.append(
+        _boxes(
+            b,
+            pitched,
+            (side[pitched] * 0.3 * w[pitched], 0.12 * d[pitched], h[pitched]),
+            (0.55, 0.75, 0.9 + b.rise[pitched]),
+            (0.25, 0.12, 0.08),
+        )
+    )
     if fine:
-        parts.append(_boxes(b, pitched, (side[pitched] * 0.3 * w[pitched], 0.12 * d[pitched], top[pitched] + 0.9), (0.3, 0.3, 0.3), (0.3, 0.14, 0.09)))
+        parts.append(
+            _boxes(
+                b,
+                pitched,
+                (side[pitched] * 0.3 * w[pitched], 0.12 * d[pitched], top[pitched] + 0.9),
+                (0.3, 0.3, 0.3),
+                (0.3, 0.14, 0.09),
+            )
+        )
 
     flat = n[b.roof == FLAT]
     wall = colour[flat] * 0.92
     for x, y, sx, sy in ((0, -1, 1, 0), (0, 1, 1, 0), (-1, 0, 0, 1), (1, 0, 0, 1)):
         size = (np.where(sx, w[flat], 0.25), np.where(sy, d[flat] - 0.5, 0.25), 0.55)
-        parts.append(_boxes(b, flat, (x * (w[flat] / 2 - 0.125), y * (d[flat] / 2 - 0.125), h[flat] - 0.02), size, wall))
+        parts.append(
+            _boxes(b, flat, (x * (w[flat] / 2 - 0.125), y * (d[flat] / 2 - 0.125), h[flat] - 0.02), size, wall)
+        )
     plant = flat[pick[2, flat] < 0.5]
-    parts.append(_boxes(b, plant, (side[plant] * 0.2 * w[plant], 0.1 * d[plant], h[plant]), (0.3 * w[plant], 0.3 * d[plant], 1.9), (0.4, 0.41, 0.42)))
+    parts.append(
+        _boxes(
+            b,
+            plant,
+            (side[plant] * 0.2 * w[plant], 0.1 * d[plant], h[plant]),
+            (0.3 * w[plant], 0.3 * d[plant], 1.9),
+            (0.4, 0.41, 0.42),
+        )
+    )
 
     cornice = n[((b.roof == FLAT) | (b.roof == MANSARD)) & (b.window != CURTAIN) & (b.storeys > 1)]
-    parts.append(_boxes(b, cornice, (0.0, -d[cornice] / 2 - 0.14, h[cornice] - 0.32), (w[cornice] + 0.02, 0.34, 0.3), trim[cornice]))
+    parts.append(
+        _boxes(
+            b, cornice, (0.0, -d[cornice] / 2 - 0.14, h[cornice] - 0.32), (w[cornice] + 0.02, 0.34, 0.3), trim[cornice]
+        )
+    )
     band = n[(b.use == SHOP) & (b.storeys > 1)]
     parts.append(_boxes(b, band, (0.0, -d[band] / 2 - 0.07, b.ground[band] - 0.16), (w[band], 0.2, 0.16), trim[band]))
 
@@ -317,9 +402,20 @@ def _details(
             x, z = (k + 0.5) * (w / bays)[at] - w[at] / 2, b.ground[at] + (storey - 1) * height[at]
             wide = np.minimum(1.9, 0.8 * (w / bays)[at])
             parts.append(_boxes(b, at, (x, -d[at] / 2 - 0.45, z), (wide, 0.9, 0.12), (0.42, 0.41, 0.39)))
-            parts.append(_boxes(b, at, (x, -d[at] / 2 - 0.88, z + 0.12), (wide, 0.04, 0.9), (0.05, 0.05, 0.055), Kind.FENCE))
+            parts.append(
+                _boxes(b, at, (x, -d[at] / 2 - 0.88, z + 0.12), (wide, 0.04, 0.9), (0.05, 0.05, 0.055), Kind.FENCE)
+            )
             for end in (-0.5, 0.5) if fine else ():
-                parts.append(_boxes(b, at, (x + end * wide, -d[at] / 2 - 0.45, z + 0.12), (0.04, 0.88, 0.9), (0.05, 0.05, 0.055), Kind.FENCE))
+                parts.append(
+                    _boxes(
+                        b,
+                        at,
+                        (x + end * wide, -d[at] / 2 - 0.45, z + 0.12),
+                        (0.04, 0.88, 0.9),
+                        (0.05, 0.05, 0.055),
+                        Kind.FENCE,
+                    )
+                )
 
     shade = n[(b.use == SHOP) & (pick[4] < 0.45)]
     parts.append(_awnings(b, shade))

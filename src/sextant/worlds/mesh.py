@@ -116,7 +116,9 @@ def prism(radius_bottom: float, radius_top: float, height: float, sides: int) ->
     return np.concatenate([walls, top])
 
 
-def limb(start: Float[ndarray, "3"], end: Float[ndarray, "3"], r0: float, r1: float, sides: int = 3) -> Float[ndarray, "t 3 3"]:
+def limb(
+    start: Float[ndarray, "3"], end: Float[ndarray, "3"], r0: float, r1: float, sides: int = 3
+) -> Float[ndarray, "t 3 3"]:
     """A template: a tapered prism between two points, for branches, arms and rails."""
     axis = np.asarray(end, float) - np.asarray(start, float)
     length = float(np.linalg.norm(axis))

@@ -150,7 +150,9 @@ class Renderer:
         radiance, triangle = self._views(rays, world_from_camera[None], appearance, motions)
         origins, directions = np.empty((2, *rays.bearings.shape))  # in float64 for the distance
         shift = motions[0] * appearance.exposure_time_s
-        kernels.world_rays(np.ascontiguousarray(world_from_camera[:3], np.float64), rays.bearings, 0, shift, origins, directions)
+        kernels.world_rays(
+            np.ascontiguousarray(world_from_camera[:3], np.float64), rays.bearings, 0, shift, origins, directions
+        )
         distance = self.scene.plane_distance(origins[:: rays.samples], directions[:: rays.samples], triangle[0])
         surface = np.where(triangle == MISS, MISS, self.scene.surface[triangle]).astype(np.int32)
         shape = (rays.height, rays.width)
@@ -241,7 +243,18 @@ class Renderer:
         if self.soft:
             ways = np.empty((n, 3), np.float32)
             count = kernels.sky_rays(
-                origins, directions, triangle, distance, scene.normals, scene.surface, scene.surfaces, number, samples, at, starts, ways
+                origins,
+                directions,
+                triangle,
+                distance,
+                scene.normals,
+                scene.surface,
+                scene.surfaces,
+                number,
+                samples,
+                at,
+                starts,
+                ways,
             )
             open_sky[at[:count]] = scene.blocked(starts[:count], ways[:count]) == MISS
         radiance, mirror = np.empty((n, 3), np.float32), np.empty(n, np.float32)

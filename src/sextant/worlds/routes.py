@@ -107,8 +107,8 @@ def drive(
 def walk(
     graph: StreetGraph, nodes: Sequence[int], *, seed: int, frame_rate_hz: float = 5.0, gait: Gait = WALKER
 ) -> Route:
-    """A walk through ``nodes`` on the right-hand pavement, 1.2 m from the carriageway; otherwise as `drive`."""
-    return _traverse(lane_path(graph, nodes, share=0.5, beyond_m=1.2, radius_m=1.5), seed, frame_rate_hz, gait)
+    """A walk through ``nodes`` on the right-hand pavement, 2.1 m from the carriageway (1.2 m from parked cars); otherwise as `drive`."""
+    return _traverse(lane_path(graph, nodes, share=0.5, beyond_m=2.1, radius_m=1.5), seed, frame_rate_hz, gait)
 
 
 def _traverse(path: LanePath, seed: int, frame_rate_hz: float, gait: Gait) -> Route:

@@ -48,7 +48,9 @@ class Scene:
         low, high = triangles.reshape(-1, 3).min(0), triangles.reshape(-1, 3).max(0)
         self.bounds: Float64[ndarray, "2 3"] = np.stack([low, high]).astype(np.float64)
         self._embree = EmbreeScene(robust=watertight)
-        TriangleMesh(self._embree, triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3))
+        TriangleMesh(
+            self._embree, triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
+        )
 
     def __len__(self) -> int:
         return len(self.normals)
@@ -66,7 +68,9 @@ class Scene:
         distances = np.empty(len(origins))
         for start in range(0, len(origins), CHUNK):
             part = slice(start, start + CHUNK)
-            distances[part] = self.plane_distance(origins[part], directions[part], self.hit(origins[part], directions[part]))
+            distances[part] = self.plane_distance(
+                origins[part], directions[part], self.hit(origins[part], directions[part])
+            )
         return distances
 
     def inside(self, points: Float64[ndarray, "n 3"]) -> Bool[ndarray, "n"]:

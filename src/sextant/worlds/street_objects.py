@@ -9,7 +9,20 @@ from numpy import ndarray
 from sextant.worlds.mesh import Mesh, boxes, instances, limb, place, prism, quads
 from sextant.worlds.surfaces import Kind, palette, surface_rows
 
-CAR_COLOURS = palette("#e8e8e6", "#1d1f22", "#8f9499", "#5b6168", "#7d1a1a", "#1f3c6b", "#c9ccce", "#2e4a3a", "#b08d3c", "#3a3c40", "#a33b1f", "#d8d4c4")
+CAR_COLOURS = palette(
+    "#e8e8e6",
+    "#1d1f22",
+    "#8f9499",
+    "#5b6168",
+    "#7d1a1a",
+    "#1f3c6b",
+    "#c9ccce",
+    "#2e4a3a",
+    "#b08d3c",
+    "#3a3c40",
+    "#a33b1f",
+    "#d8d4c4",
+)
 CLOTHES = palette("#2b2f3a", "#6b1f25", "#3a5a40", "#c9b79c", "#1f3a5f", "#8a8a8a", "#d08c2e", "#111111")
 #: length, width, height in metres; where the cabin begins and ends along the car, at the waist and at the roof
 _CARS = (
@@ -28,7 +41,16 @@ def _car(form: int, fine: bool) -> Float64[ndarray, "t 3 3"]:
         if not fine:
             return np.array([(x0, -half, z), (x1, -half, z), (x1, half, z), (x0, half, z)])
         b = bevel
-        outline = [(x0 + b, -half), (x1 - b, -half), (x1, -half + b), (x1, half - b), (x1 - b, half), (x0 + b, half), (x0, half - b), (x0, -half + b)]
+        outline = [
+            (x0 + b, -half),
+            (x1 - b, -half),
+            (x1, -half + b),
+            (x1, half - b),
+            (x1 - b, half),
+            (x0 + b, half),
+            (x0, half - b),
+            (x0, -half + b),
+        ]
         return np.array([(x, y, z) for x, y in outline])
 
     l, w, h = length, width / 2, height
@@ -37,7 +59,11 @@ def _car(form: int, fine: bool) -> Float64[ndarray, "t 3 3"]:
         ring(0.24, -0.47 * l, 0.47 * l, 0.92 * w, 0.12), ring(0.45, -0.5 * l, 0.5 * l, w, 0.18),
         ring(0.74 * belt + 0.1, -0.5 * l, 0.495 * l, w, 0.18), ring(belt, -0.485 * l, 0.44 * l, 0.93 * w, 0.16),
     ]  # fmt: skip
-    cabin = [ring(belt, waist[0] * l, waist[1] * l, 0.88 * w, 0.1), ring(h - 0.07, roof[0] * l, roof[1] * l, 0.74 * w, 0.1), ring(h, (roof[0] + 0.03) * l, (roof[1] - 0.03) * l, 0.64 * w, 0.1)]
+    cabin = [
+        ring(belt, waist[0] * l, waist[1] * l, 0.88 * w, 0.1),
+        ring(h - 0.07, roof[0] * l, roof[1] * l, 0.74 * w, 0.1),
+        ring(h, (roof[0] + 0.03) * l, (roof[1] - 0.03) * l, 0.64 * w, 0.1),
+    ]
     if not fine:  # wheels are painted on the sides
         body = [ring(0.08, -0.48 * l, 0.48 * l, 0.97 * w, 0.0), ring(0.45, -0.5 * l, 0.5 * l, w, 0.0), body[3]]
         return np.concatenate([_loft(body), _loft([cabin[0], cabin[2]])])
@@ -52,14 +78,22 @@ def _car(form: int, fine: bool) -> Float64[ndarray, "t 3 3"]:
 
 def _loft(rings: list[Float64[ndarray, "k 3"]]) -> Float64[ndarray, "t 3 3"]:
     """Walls between rings and a cap on the last."""
-    faces = [quads(np.stack([a, np.roll(a, -1, 0), np.roll(b, -1, 0), b], 1)).reshape(-1, 3, 3) for a, b in zip(rings, rings[1:], strict=False)]
+    faces = [
+        quads(np.stack([a, np.roll(a, -1, 0), np.roll(b, -1, 0), b], 1)).reshape(-1, 3, 3)
+        for a, b in zip(rings, rings[1:], strict=False)
+    ]
     top = rings[-1]
     cap = np.stack([np.broadcast_to(top.mean(0), top.shape), top, np.roll(top, -1, 0)], 1)
     return np.concatenate([*faces, cap])
 
 
 def car_mesh(
-    position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"], seed: Float64[ndarray, "n"], *, fine: bool, moving: bool = False
+    position: Float64[ndarray, "n 3"],
+    heading: Float64[ndarray, "n"],
+    seed: Float64[ndarray, "n"],
+    *,
+    fine: bool,
+    moving: bool = False,
 ) -> Mesh:
     """Cars standing at ``position`` (on the road), facing ``heading``; ``moving`` ones have their lights on."""
     parts = []
@@ -90,7 +124,10 @@ def _person(step: int) -> Float64[ndarray, "t 3 3"]:
     stride = (0.0, 0.22, 0.3)[step]
     legs = [limb(np.array([s * stride, 0.09 * s, 0.0]), np.array([0.0, 0.08 * s, 0.86]), 0.07, 0.1, 5) for s in (-1, 1)]
     torso = _loft([ring(0.82, 0.14, 0.19), ring(1.1, 0.12, 0.17), ring(1.42, 0.13, 0.23), ring(1.5, 0.06, 0.08)])
-    arms = [limb(np.array([-s * stride * 0.8, 0.27 * s, 0.78]), np.array([0.0, 0.24 * s, 1.42]), 0.045, 0.06, 4) for s in (-1, 1)]
+    arms = [
+        limb(np.array([-s * stride * 0.8, 0.27 * s, 0.78]), np.array([0.0, 0.24 * s, 1.42]), 0.045, 0.06, 4)
+        for s in (-1, 1)
+    ]
     head = _loft([ring(1.5, 0.05, 0.05), ring(1.58, 0.1, 0.085), ring(1.7, 0.105, 0.085), ring(1.76, 0.06, 0.05)])
     return np.concatenate([*legs, torso, *arms, head])
 
@@ -106,7 +143,15 @@ def person_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"
             placed = place(_person(k)[None] * tall[:, None, None, None], position[at], heading[at])
             coat = CLOTHES[(seed[at] * 41 % 1 * len(CLOTHES)).astype(int)]
             legs = CLOTHES[(seed[at] * 73 % 1 * 3).astype(int)]
-            rows = surface_rows(Kind.PERSON, len(at), seed=seed[at], colour=coat, second=legs, origin=position[at], parameters=(1.76 * tall,))
+            rows = surface_rows(
+                Kind.PERSON,
+                len(at),
+                seed=seed[at],
+                colour=coat,
+                second=legs,
+                origin=position[at],
+                parameters=(1.76 * tall,),
+            )
             parts.append(instances(placed, rows))
     return Mesh.join(parts)
 
@@ -118,13 +163,25 @@ def lamp_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"],
     """Street lamps: a post with an arm that reaches out along ``heading``."""
     if not len(position):
         return Mesh.empty()
-    arm = limb(np.array([0, 0, LAMP_HEIGHT_M - 0.1]), np.array([LAMP_REACH_M, 0, LAMP_HEIGHT_M + 0.15]), 0.045, 0.035 * fine, 3 + fine)
-    pole = [prism(0.085, 0.05, LAMP_HEIGHT_M, 6), prism(0.13, 0.1, 0.7, 6)] if fine else [prism(0.09, 0.0, LAMP_HEIGHT_M, 3)]
+    arm = limb(
+        np.array([0, 0, LAMP_HEIGHT_M - 0.1]),
+        np.array([LAMP_REACH_M, 0, LAMP_HEIGHT_M + 0.15]),
+        0.045,
+        0.035 * fine,
+        3 + fine,
+    )
+    pole = (
+        [prism(0.085, 0.05, LAMP_HEIGHT_M, 6), prism(0.13, 0.1, 0.7, 6)]
+        if fine
+        else [prism(0.09, 0.0, LAMP_HEIGHT_M, 3)]
+    )
     post = np.concatenate([*pole, arm])
     metal = surface_rows(Kind.PLAIN, len(position), colour=palette("#3e4347"), origin=position, parameters=(0.05,))
     head = place_offset(position, heading, np.array([LAMP_REACH_M, 0.0, LAMP_HEIGHT_M + 0.06]))
     size = np.broadcast_to(np.array([0.62, 0.24, 0.08]), head.shape)
-    glow = boxes(head, size * 0.9, heading, surface_rows(Kind.LAMP, len(position), colour=(0.7, 0.7, 0.66)), bottom=True)
+    glow = boxes(
+        head, size * 0.9, heading, surface_rows(Kind.LAMP, len(position), colour=(0.7, 0.7, 0.66)), bottom=True
+    )
     if not fine:
         return Mesh.join([instances(place(post, position, heading), metal), glow])
     shell = boxes(head + [0, 0, 0.05], size, heading, metal, bottom=False)
@@ -157,7 +214,11 @@ def sign_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"],
             Kind.SIGN, len(at), seed=seed[at], colour=colours[k], origin=place_offset(position[at], heading[at], np.array([0.05, 0, 2.55])),
             heading=heading[at] + np.pi / 2, parameters=(float(k),),
         )  # fmt: skip
-        parts += [instances(pole, grey), instances(place(face, position[at], heading[at]), plate), instances(place(back, position[at], heading[at]), grey)]
+        parts += [
+            instances(pole, grey),
+            instances(place(face, position[at], heading[at]), plate),
+            instances(place(back, position[at], heading[at]), grey),
+        ]
     return Mesh.join(parts)
 
 
@@ -165,14 +226,38 @@ def bench_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"]
     """Benches whose sitters look along ``heading``."""
     if not len(position):
         return Mesh.empty()
-    wood = surface_rows(Kind.WOOD, len(position), seed=0.3, colour=palette("#7a5a3a"), origin=position, heading=heading + np.pi / 2)
-    seat = boxes(position + [0, 0, 0.42], np.broadcast_to(np.array([0.45, 1.7, 0.05]), position.shape), heading, wood, bottom=True)
-    back = boxes(place_offset(position, heading, np.array([-0.22, 0, 0.55])), np.broadcast_to(np.array([0.05, 1.7, 0.35]), position.shape), heading, wood, bottom=True)
-    legs = [boxes(place_offset(position, heading, np.array([0, s * 0.65, 0])), np.broadcast_to(np.array([0.4, 0.06, 0.42]), position.shape), heading, surface_rows(Kind.PLAIN, len(position), colour=(0.05, 0.05, 0.05))) for s in (-1, 1)]
+    wood = surface_rows(
+        Kind.WOOD, len(position), seed=0.3, colour=palette("#7a5a3a"), origin=position, heading=heading + np.pi / 2
+    )
+    seat = boxes(
+        position + [0, 0, 0.42],
+        np.broadcast_to(np.array([0.45, 1.7, 0.05]), position.shape),
+        heading,
+        wood,
+        bottom=True,
+    )
+    back = boxes(
+        place_offset(position, heading, np.array([-0.22, 0, 0.55])),
+        np.broadcast_to(np.array([0.05, 1.7, 0.35]), position.shape),
+        heading,
+        wood,
+        bottom=True,
+    )
+    legs = [
+        boxes(
+            place_offset(position, heading, np.array([0, s * 0.65, 0])),
+            np.broadcast_to(np.array([0.4, 0.06, 0.42]), position.shape),
+            heading,
+            surface_rows(Kind.PLAIN, len(position), colour=(0.05, 0.05, 0.05)),
+        )
+        for s in (-1, 1)
+    ]
     return Mesh.join([seat, back, *legs])
 
 
-def place_offset(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"], offset: Float64[ndarray, "3"]) -> Float64[ndarray, "n 3"]:
+def place_offset(
+    position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"], offset: Float64[ndarray, "3"]
+) -> Float64[ndarray, "n 3"]:
     """The point ``offset`` in the frame of each object."""
     c, s = np.cos(heading), np.sin(heading)
     x, y, z = offset

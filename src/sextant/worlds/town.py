@@ -8,6 +8,7 @@ import shapely
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from sextant.errors import UserError
@@ -94,7 +95,10 @@ class Town:
         """How built-up each block is, 0 to 1: smooth noise, higher towards the middle; -1 marks a park."""
         rng = np.random.default_rng([self.seed, 1])
         left, bottom, right, top = self.graph.bounds
-        centre, radius = np.array([(left + right) / 2, (bottom + top) / 2]), 0.5 * max(right - left, top - bottom, 200.0)
+        centre, radius = (
+            np.array([(left + right) / 2, (bottom + top) / 2]),
+            0.5 * max(right - left, top - bottom, 200.0),
+        )
         values = []
         for block in self.ground.blocks[:-1]:
             x, y = block.centroid.x, block.centroid.y
@@ -109,7 +113,12 @@ class Town:
     def buildings(self) -> Buildings:
         """Houses along the lot lines of every block."""
         rng = np.random.default_rng([self.seed, 2])
-        found = [lot for block, density in enumerate(self.districts) if density >= 0 for lot in self._along_lots(block, density, rng)]
+        found = [
+            lot
+            for block, density in enumerate(self.districts)
+            if density >= 0
+            for lot in self._along_lots(block, density, rng)
+        ]
         if not found:
             raise UserError("no building fits between the streets", "Use larger blocks, say block_m=80.")
         table = np.array(found)
@@ -164,7 +173,11 @@ class Town:
         return clear
 
     def _apart(
-        self, points: Float64[ndarray, "n 2"], metres: float, heading: Float64[ndarray, "n"] | None = None, reach: object = 0.0
+        self,
+        points: Float64[ndarray, "n 2"],
+        metres: float,
+        heading: Float64[ndarray, "n"] | None = None,
+        reach: object = 0.0,
     ) -> Bool[ndarray, "n"]:
         """Which things keep a distance from every camera; those that are long reach to both sides along ``heading``."""
         apart = np.ones(len(points), bool)
@@ -172,7 +185,9 @@ class Town:
             return apart
         if heading is None:
             return np.asarray(self._cameras.query(points)[0] > metres)
-        along = np.stack([np.cos(heading), np.sin(heading)], -1) * np.broadcast_to(np.asarray(reach), len(points))[:, None]
+        along = (
+            np.stack([np.cos(heading), np.sin(heading)], -1) * np.broadcast_to(np.asarray(reach), len(points))[:, None]
+        )
         for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
             apart &= self._cameras.query(points + share * along)[0] > metres
         return apart
@@ -183,7 +198,7 @@ class Town:
         rng = np.random.default_rng([self.seed, 3])
         rows: list[tuple[float, float, float, float]] = []  # x, y, size, conifer
         for block, density in enumerate(self.districts):
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.95, shortest_m=16):
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 1.25, shortest_m=16):
                 if rng.random() < 0.62:
                     gap = rng.uniform(9, 15)
                     for s in np.arange(6 + rng.uniform(0, 4), side.length - 6, gap):
@@ -202,7 +217,9 @@ class Town:
         return Trees(position, rng.uniform(0, 2 * np.pi, n), table[:, 2], table[:, 3] > 0, rng.random(n))
 
     @staticmethod
-    def _garden_trees(lot: Polygon, density: float, rng: np.random.Generator) -> list[tuple[float, float, float, float]]:
+    def _garden_trees(
+        lot: Polygon, density: float, rng: np.random.Generator
+    ) -> list[tuple[float, float, float, float]]:
         if lot.is_empty:
             return []
         every = 110.0 if density < 0 else 260.0 + 500.0 * density  # square metres a tree
@@ -237,7 +254,7 @@ class Town:
         lamps = Objects.of([
             (*side.at(s, 0.0), KERB_M, side.heading - np.pi / 2, rng.random())
             for block in range(len(self.ground.blocks))
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.8, shortest_m=10)
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 1.1, shortest_m=10)
             for s in np.arange(8 + 20 * (block % 2), side.length - 2, 32.0)
         ])  # fmt: skip
         return lamps.where(self._apart(lamps.position[:, :2], 0.6))
@@ -248,9 +265,11 @@ class Town:
         rng = np.random.default_rng([self.seed, 5])
         rows = []
         for block in range(len(self.ground.blocks)):
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 0.8, shortest_m=18):
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 1.1, shortest_m=18):
                 if rng.random() < 0.55:
-                    rows.append((*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random()))
+                    rows.append(
+                        (*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random())
+                    )
         signs = Objects.of(rows)
         return signs.where(self._apart(signs.position[:, :2], 0.9))
 
@@ -262,7 +281,14 @@ class Town:
         for block, density in enumerate(self.districts):
             for side in self.ground.sides(block, shortest_m=14):
                 if rng.random() < (0.9 if density < 0 else 0.12):
-                    rows.append((*side.at(rng.uniform(4, side.length - 4), -0.5), KERB_M, side.heading - np.pi / 2, rng.random()))
+                    rows.append(
+                        (
+                            *side.at(rng.uniform(4, side.length - 4), -0.5),
+                            KERB_M,
+                            side.heading - np.pi / 2,
+                            rng.random(),
+                        )
+                    )
         return Objects.of(rows)
 
     @cached_property
@@ -287,8 +313,14 @@ class Town:
             return Mesh.empty()
         where = np.array(base)
         is_hedge = np.array(kind) == Kind.HEDGE
-        colour = np.where(is_hedge[:, None], palette("#4d6b2f"), palette("#b9ab8f", "#6b4a32", "#d8d4c8")[(rng.random(len(where)) * 3).astype(int)])
-        rows = surface_rows(Kind.HEDGE, len(where), seed=rng.random(len(where)), colour=colour, origin=where, heading=np.array(heading))
+        colour = np.where(
+            is_hedge[:, None],
+            palette("#4d6b2f"),
+            palette("#b9ab8f", "#6b4a32", "#d8d4c8")[(rng.random(len(where)) * 3).astype(int)],
+        )
+        rows = surface_rows(
+            Kind.HEDGE, len(where), seed=rng.random(len(where)), colour=colour, origin=where, heading=np.array(heading)
+        )
         rows[:, 0] = kind
         clear = self._apart(where[:, :2], 1.1, np.array(heading), 0.5 * np.array(size)[:, 0])
         clear &= self._clear(where[:, :2], 0.4) & ~shapely.contains_xy(self.ground.roads, where[:, 0], where[:, 1])
@@ -303,7 +335,7 @@ class Town:
             for side in self.ground.sides(block, inset=-PAVEMENT_M, shortest_m=24):
                 s = 9.0
                 while s < side.length - 11:
-                    x, y = side.at(s + 2.6, -0.4)
+                    x, y = side.at(s + 2.6, 0.0)
                     rows.append((x, y, 0.0, side.heading + np.pi * (rng.random() < 0.08), rng.random()))
                     s += rng.uniform(5.4, 6.6)
         places = Objects.of(rows)
@@ -313,12 +345,13 @@ class Town:
 
     # -- appearance ----------------------------------------------------------------------------------------------------
 
-    def mesh(self, appearance: Appearance) -> Mesh:
-        """All triangles of the town as ``appearance`` leaves it."""
+    def mesh(self, appearance: Appearance, clear_of: Float64[ndarray, "c 2"] | None = None) -> Mesh:
+        """All triangles of the town as ``appearance`` leaves it; no car or person stands where a camera of ``clear_of`` is."""
         a, fine = appearance, self.detail == "fine"
         change = [self.seed, 50, a.change_seed]
         repaint = np.random.default_rng([*change, 1]).random(len(self.buildings)) < a.facades_changed
         cars = self._parked(a)
+        cars = cars.where(_clear_of_cameras(cars.position[:, :2], cars.heading, clear_of, (2.9, 1.35)))
         green = [bool(d < 0.62) for d in self.districts]
         return Mesh.join([
             self.ground.mesh(green),
@@ -329,7 +362,7 @@ class Town:
             objects.bench_mesh(self.benches.position, self.benches.heading),
             self.hedges,
             objects.car_mesh(cars.position, cars.heading, cars.seed, fine=fine),
-            self._traffic(a, fine),
+            self._traffic(a, fine, clear_of),
         ])  # fmt: skip
 
     def _parked(self, a: Appearance) -> Objects:
@@ -341,8 +374,8 @@ class Town:
         rows[again, 4] = rng.random(int(again.sum()))
         return Objects(rows).where((rows[:, 4] * 7919 % 1) < 0.6)
 
-    def _traffic(self, a: Appearance, fine: bool) -> Mesh:
-        """Moving cars in the lanes and people on the pavements."""
+    def _traffic(self, a: Appearance, fine: bool, clear_of: Float64[ndarray, "c 2"] | None) -> Mesh:
+        """Moving cars in the lanes and people on the pavements, where no camera stands."""
         if a.traffic_per_100m == 0:
             return Mesh.empty()
         rng = np.random.default_rng([self.seed, 52, a.change_seed])
@@ -354,10 +387,12 @@ class Town:
         way = np.where(rng.random(n) < 0.5, 1.0, -1.0)
         right = np.stack([along[:, 1], -along[:, 0]], -1) * way[:, None]
         walks = rng.random(n) < 0.6
-        aside = np.where(walks, graph.widths[edge] / 2 + rng.uniform(0.6, 2.2, n), graph.widths[edge] / 4)
+        aside = np.where(walks, graph.widths[edge] / 2 + rng.uniform(1.5, 3.0, n), graph.widths[edge] / 4)
         place = start + along * (rng.uniform(0.08, 0.92, n) * graph.lengths[edge])[:, None] + right * aside[:, None]
         heading = np.arctan2(along[:, 1], along[:, 0]) + np.where(way > 0, 0.0, np.pi)
         seed = rng.random(n)
+        away = _clear_of_cameras(place, heading, clear_of, (3.6, 1.6))
+        place, heading, seed, walks = place[away], heading[away], seed[away], walks[away]
         position = np.column_stack([place, np.where(walks, KERB_M, 0.0)])
         people = walks & self._apart(place, 0.9)
         cars = ~walks & self._apart(place, 1.45, heading, 2.0)
@@ -366,10 +401,14 @@ class Town:
             objects.car_mesh(position[cars], heading[cars], seed[cars], fine=fine, moving=True),
         ])  # fmt: skip
 
-    def renderer(self, appearance: Appearance, *, soft: bool = False) -> Renderer:
+    def renderer(
+        self, appearance: Appearance, *, clear_of: Float64[ndarray, "c 2"] | None = None, soft: bool = False
+    ) -> Renderer:
         """A renderer of the town as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
         lights = objects.lamp_lights(self.lamps.position, self.lamps.heading)
-        return Renderer(Scene(self.mesh(appearance), watertight=self.detail == "fine"), Lamps.at(lights), soft=soft)
+        return Renderer(
+            Scene(self.mesh(appearance, clear_of), watertight=self.detail == "fine"), Lamps.at(lights), soft=soft
+        )
 
 
 def _fitting(
@@ -377,8 +416,31 @@ def _fitting(
 ) -> Polygon | None:
     """The deepest of the rectangles at ``s`` along ``side`` that lies within the lot and off what is taken."""
     for depth in depths:
-        corners = [side.at(s, back), side.at(s + width, back), side.at(s + width, back + depth), side.at(s, back + depth)]
+        corners = [
+            side.at(s, back),
+            side.at(s + width, back),
+            side.at(s + width, back + depth),
+            side.at(s, back + depth),
+        ]
         outline = Polygon(corners)
         if lot.contains(outline) and not any(outline.intersects(other) for other in taken):
             return outline
     return None
+
+
+def _clear_of_cameras(
+    place: Float64[ndarray, "n 2"],
+    heading: Float64[ndarray, "n"],
+    cameras: Float64[ndarray, "c 2"] | None,
+    reach: tuple[float, float],
+) -> Bool[ndarray, "n"]:
+    """Which objects have no camera within ``reach`` metres (along and across their heading) of their middle."""
+    if cameras is None or not len(cameras) or not len(place):
+        return np.ones(len(place), bool)
+    far, near = cKDTree(cameras).query(place, k=min(16, len(cameras)), distance_upper_bound=float(np.hypot(*reach)))
+    far, near = far.reshape(len(place), -1), near.reshape(len(place), -1)
+    offset = np.where(np.isfinite(far)[..., None], cameras[np.minimum(near, len(cameras) - 1)] - place[:, None], np.inf)
+    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    with np.errstate(invalid="ignore"):
+        along, across = np.abs(c * offset[..., 0] + s * offset[..., 1]), np.abs(c * offset[..., 1] - s * offset[..., 0])
+    return np.asarray(~((along < reach[0]) & (across < reach[1])).any(1))

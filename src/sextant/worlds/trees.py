@@ -70,7 +70,9 @@ def _form(k: int, leaves: int) -> _Form:
         for _ in range(4 if detailed else 1):
             share = 0.35 + 0.5 * rng.random()
             knee = start + share * (end - start)
-            twig = knee + (0.5 + 0.3 * wide * rng.random()) * _unit(rng.normal(size=3) + 0.6 * _unit(end - start) + [0, 0, 0.5])
+            twig = knee + (0.5 + 0.3 * wide * rng.random()) * _unit(
+                rng.normal(size=3) + 0.6 * _unit(end - start) + [0, 0, 0.5]
+            )
             wood.append(limb(knee, twig, 0.035, 0.0, 3))
             tips.append(twig)
     tips.append(np.array([0.0, 0.0, stem + 0.97 * tall]))
@@ -87,7 +89,9 @@ def _form(k: int, leaves: int) -> _Form:
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     other = np.cross(normal, side)
     turn = 2 * np.pi / 3 * np.arange(3)
-    corners = middle[:, None] + size[:, None, None] * (np.cos(turn)[:, None] * side[:, None] + np.sin(turn)[:, None] * other[:, None])
+    corners = middle[:, None] + size[:, None, None] * (
+        np.cos(turn)[:, None] * side[:, None] + np.sin(turn)[:, None] * other[:, None]
+    )
     radius = float(np.percentile(np.linalg.norm(middle - centre, axis=1), 95))
     return _Form(np.concatenate(wood), corners, centre, radius)
 
@@ -107,7 +111,9 @@ def _broad(trees: Trees, at: Int64[ndarray, "k"], k: int, foliage: float, leaves
         crown = place(form.leaves[None, :kept] * scale, trees.position[at], trees.heading[at])
         green = GREENS[(trees.seed[at] * 31 % 1 * len(GREENS)).astype(int)]
         centre = trees.position[at] + np.array([0.0, 0.0, 1.0]) * (form.centre[2] * size)[:, None]
-        rows = surface_rows(Kind.LEAVES, len(at), seed=trees.seed[at], colour=green, origin=centre, parameters=(form.radius * size,))
+        rows = surface_rows(
+            Kind.LEAVES, len(at), seed=trees.seed[at], colour=green, origin=centre, parameters=(form.radius * size,)
+        )
         parts.append(instances(crown, rows))
     return Mesh.join(parts)
 

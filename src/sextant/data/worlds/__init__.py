@@ -1,5 +1,6 @@
 """Datasets rendered from procedural worlds: no download, exact labels."""
 
+from sextant.data.worlds.office_walk import OfficeWalk
 from sextant.data.worlds.towns import TownCity, TownPanoramas, TownSeasons
 
-__all__ = ["TownCity", "TownPanoramas", "TownSeasons"]
+__all__ = ["OfficeWalk", "TownCity", "TownPanoramas", "TownSeasons"]

@@ -49,16 +49,16 @@ class Spot:
 
 
 STREETS = (
-    Spot("centre", "summer_noon", 60, factors=(("traffic_per_100m", 3.0),)),
-    Spot("centre", "night_rain", 210, factors=(("traffic_per_100m", 2.0),)),
-    Spot("old_town", "summer_evening", 130, on_foot=True),
-    Spot("suburb", "autumn_morning", 90),
-    Spot("suburb", "winter_noon", 260),
-    Spot("old_town", "winter_dusk", 300, factors=(("traffic_per_100m", 2.0),)),
-    Spot("old_town", "autumn_rain", 420, on_foot=True, factors=(("traffic_per_100m", 3.0),)),
-    Spot("suburb", "summer_noon", 400, on_foot=True),
-    Spot("centre", "fog", 330, factors=(("fog_per_m", 0.02),)),
-    Spot("centre", "night_clear", 480, on_foot=True, factors=(("traffic_per_100m", 3.0),)),
+    Spot("centre", "summer_noon", 416, factors=(("traffic_per_100m", 2.0),)),
+    Spot("centre", "night_rain", 350, factors=(("traffic_per_100m", 2.0),)),
+    Spot("old_town", "summer_evening", 152, factors=(("traffic_per_100m", 2.0),)),
+    Spot("suburb", "autumn_morning", 60, on_foot=True),
+    Spot("suburb", "winter_noon", 449),
+    Spot("old_town", "winter_dusk", 515, factors=(("traffic_per_100m", 2.0),)),
+    Spot("old_town", "autumn_rain", 383, factors=(("traffic_per_100m", 3.0),)),
+    Spot("suburb", "summer_noon", 350),
+    Spot("centre", "fog", 340, on_foot=True, factors=(("fog_per_m", 0.02),)),
+    Spot("centre", "night_clear", 60, on_foot=True, factors=(("traffic_per_100m", 3.0),)),
 )
 
 
@@ -74,12 +74,14 @@ def _town(name: str) -> Town:
 def street_picture(spot: Spot, camera: PerspectiveCamera, samples: int) -> UInt8[ndarray, "h w 3"]:
     """One picture with soft shade."""
     town = _town(spot.town)
-    nodes = random_walk(town.graph, spot.metres + 200, seed=1)
+    nodes = random_walk(town.graph, 900, seed=1)
     route = (walk if spot.on_foot else drive)(town.graph, nodes, seed=2).sample_by_distance(1.0)
     x, y, heading = route.poses[int(spot.metres)]
     pose = np.array([[x, y, spot.height_m, heading + np.radians(spot.turn_deg), np.radians(spot.tilt_deg), 0.0]])
     look = condition(spot.condition, **dict(spot.factors))
-    return town.renderer(look, soft=True).pictures(camera_rays(camera, samples), camera_poses(pose), look)[0]
+    return town.renderer(look, clear_of=pose[:, :2], soft=True).pictures(
+        camera_rays(camera, samples), camera_poses(pose), look
+    )[0]
 
 
 def sheet(pictures: Sequence[UInt8[ndarray, "h w 3"]], names: Sequence[str], columns: int) -> Image.Image:
@@ -117,7 +119,14 @@ def _conditions(folder: Path, samples: int) -> list[Path]:
 def _panoramas(folder: Path, samples: int) -> list[Path]:
     rays = camera_rays(EquirectangularCamera(960, 480), samples)
     pictures, names = [], []
-    for k, (name, look) in enumerate((("centre", "summer_noon"), ("old_town", "autumn_morning"), ("suburb", "summer_evening"), ("suburb", "winter_noon"))):
+    for k, (name, look) in enumerate(
+        (
+            ("centre", "summer_noon"),
+            ("old_town", "autumn_morning"),
+            ("suburb", "summer_evening"),
+            ("suburb", "winter_noon"),
+        )
+    ):
         town = _town(name)
         pose = camera_poses(street_poses(town.graph, 1, np.random.default_rng(20 + k)))
         pictures.append(town.renderer(condition(look), soft=True).pictures(rays, pose, condition(look))[0])
@@ -163,5 +172,3 @@ def render_gallery(folder: Path, samples: int, sections: Sequence[str], done: Ca
     folder.mkdir(parents=True, exist_ok=True)
     for section in sections:
         done(SECTIONS[section](folder, samples))
-
-

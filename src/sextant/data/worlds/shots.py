@@ -48,7 +48,15 @@ class Shots:
     exposure_ev: Float64[ndarray, "n"]
 
     @classmethod
-    def of(cls, scene: object, condition: object, split: object, place: object, pose: Float64[ndarray, "n 6"], **more: object) -> "Shots":
+    def of(
+        cls,
+        scene: object,
+        condition: object,
+        split: object,
+        place: object,
+        pose: Float64[ndarray, "n 6"],
+        **more: object,
+    ) -> "Shots":
         """Shots with scalars spread over all rows; what is not given is zero."""
         n = len(pose)
 
@@ -87,7 +95,11 @@ class WorldPlan(RenderPlan):
         self._scenes = _Held(HELD_SCENES)
 
     def __getstate__(self) -> dict[str, Any]:
-        own = {key: value for key, value in self.__dict__.items() if key not in ("shots", "rays", "_scenes", "columns", "facts")}
+        own = {
+            key: value
+            for key, value in self.__dict__.items()
+            if not isinstance(getattr(type(self), key, None), cached_property) and key != "_scenes"
+        }
         return own
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -251,5 +263,7 @@ def read_conditions(conditions: list[Any]) -> tuple[list[str], list[Appearance]]
     if not names:
         raise UserError("dataset.conditions is empty", "Name at least one, say [summer_noon].")
     if len(set(names)) < len(names):
-        raise UserError(f"dataset.conditions has two of one name: {names}", "Give one of them a name: {name: ..., condition: ...}.")
+        raise UserError(
+            f"dataset.conditions has two of one name: {names}", "Give one of them a name: {name: ..., condition: ...}."
+        )
     return names, looks

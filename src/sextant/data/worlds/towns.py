@@ -51,7 +51,8 @@ class _TownPlan(WorldPlan):
 
     def build(self, scene: int, appearance: Appearance) -> Renderer:
         """A renderer of one town under an appearance."""
-        return self.town(scene).renderer(appearance)
+        cameras = self.shots.pose[self.shots.scene == scene, :2]
+        return self.town(scene).renderer(appearance, clear_of=cameras)
 
 
 def town_seed(seed: int, scene: int) -> int:
@@ -115,14 +116,19 @@ class TownSeasonsPlan(_TownPlan):
     @property
     def gait(self) -> Gait:
         """How the car wanders about its lane."""
-        wander = {"lateral_sigma_m": self.config["lateral_sigma_m"], "heading_sigma_rad": math.radians(self.config["heading_sigma_deg"])}
+        wander = {
+            "lateral_sigma_m": self.config["lateral_sigma_m"],
+            "heading_sigma_rad": math.radians(self.config["heading_sigma_deg"]),
+        }
         return replace(DRIVER, **wander)
 
     def graph(self, scene: int) -> StreetGraph:
         """Streets enough for the frames of the split, with room to turn."""
         block = self.config["block_m"]
         length = 2.5 * self.config["frames"][SPLITS[scene]] * self.config["step_m"]
-        return irregular_streets(max(4 * block, math.sqrt(length * block / 2) + block), block, town_seed(self.config["seed"], scene))
+        return irregular_streets(
+            max(4 * block, math.sqrt(length * block / 2) + block), block, town_seed(self.config["seed"], scene)
+        )
 
     def lay_out(self) -> Shots:
         """Frame ``i`` of every traverse of a split is the same place, driven with another seed."""
@@ -220,7 +226,7 @@ def street_poses(graph: StreetGraph, n: int, rng: np.random.Generator) -> Float6
     along = (end - start) / graph.lengths[edge, None]
     side = np.stack([along[:, 1], -along[:, 0]], -1) * np.where(rng.random(n) < 0.5, 1, -1)[:, None]
     half = graph.widths[edge] / 2
-    lateral = np.where(rng.random(n) < 0.6, half * rng.uniform(0.0, 0.45, n), half + rng.uniform(1.4, 1.75, n))
+    lateral = np.where(rng.random(n) < 0.6, half * rng.uniform(0.0, 0.45, n), half + rng.uniform(1.9, 2.5, n))
     share = rng.uniform(10.0, np.maximum(graph.lengths[edge] - 10.0, 11.0)) / graph.lengths[edge]
     xy = start + along * (share * graph.lengths[edge])[:, None] + side * lateral[:, None]
     zero = np.zeros(n)

@@ -38,7 +38,9 @@ def wall_colour(row, u, v, seed, style, footprint):  # type: ignore[no-untyped-d
         x = u / 0.62 + 0.5 * (course % 2) + 0.2 * hash3(course, 3, seed)
         fu, fv = x - floor(x), v / 0.34 - course
         detail = keep(footprint, 0.3)
-        shade = 0.95 + detail * 0.22 * (hash3(floor(x), course, seed) - 0.5) + 0.12 * value_noise(u * 2.5, v * 2.5, seed)
+        shade = (
+            0.95 + detail * 0.22 * (hash3(floor(x), course, seed) - 0.5) + 0.12 * value_noise(u * 2.5, v * 2.5, seed)
+        )
         if fv < 0.05 or fu < 0.03:
             shade *= 1.0 - 0.35 * detail
     elif style == PANELS:
@@ -100,7 +102,11 @@ def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):  # type: ignore[
     r, g, b = wall_colour(row, u, v, seed, wall, footprint)
     door_r, door_g, door_b = row[RED2], row[GREEN2], row[BLUE2]
     pale = 0.3 + 0.7 * trim  # surrounds, quoins and bands
-    tr, tg, tb = row[RED] + (0.58 - row[RED]) * pale, row[GREEN] + (0.55 - row[GREEN]) * pale, row[BLUE] + (0.48 - row[BLUE]) * pale
+    tr, tg, tb = (
+        row[RED] + (0.58 - row[RED]) * pale,
+        row[GREEN] + (0.55 - row[GREEN]) * pale,
+        row[BLUE] + (0.48 - row[BLUE]) * pale,
+    )
     if v < 0.45 and blank < 1.5:  # plinth
         r, g, b = 0.32 * (0.6 + r), 0.32 * (0.6 + g), 0.32 * (0.58 + b)
     if v > height - 0.5:
@@ -180,7 +186,15 @@ def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):  # type: ignore[
     ax = abs(x)
     if ax > half or y < sill or y > head:
         if style <= FRENCH and style != RIBBON and not glazed:
-            if hash3(seed, 77, 0) > 0.6 and storey > 0.0 and use != OFFICE and ax < half + 0.46 and ax > half + 0.03 and y > sill and y < head:
+            if (
+                hash3(seed, 77, 0) > 0.6
+                and storey > 0.0
+                and use != OFFICE
+                and ax < half + 0.46
+                and ax > half + 0.03
+                and y > sill
+                and y < head
+            ):
                 slat = 1.0 if y / 0.07 - floor(y / 0.07) > 0.3 else 1.0 - 0.35 * keep(footprint, 0.06)  # shutters
                 return door_r * 0.8 * slat, door_g * 0.8 * slat, door_b * 0.8 * slat, 0.0, 0.0, 0.0, 0.0, 1.0
             if y > sill - 0.09 and y <= sill and ax < half + 0.14 and not door:

@@ -89,7 +89,9 @@ def grass(x, y, footprint, look):  # type: ignore[no-untyped-def]
     big = fractal_noise(x * 0.16, y * 0.16, 41, 2)
     fine = 0.5
     if footprint < 0.3:
-        fine = 0.6 * value_noise(x * 9.0, y * 9.0, 42) + 0.4 * value_noise(x * 31.0, y * 31.0, 43) * keep(footprint, 0.1)
+        fine = 0.6 * value_noise(x * 9.0, y * 9.0, 42) + 0.4 * value_noise(x * 31.0, y * 31.0, 43) * keep(
+            footprint, 0.1
+        )
     dry = 0.35 * look[AUTUMN]
     r = (0.060 + 0.045 * big + 0.06 * dry) * (0.55 + 0.9 * fine)
     g = (0.105 + 0.05 * big - 0.01 * dry) * (0.55 + 0.9 * fine)
@@ -120,4 +122,6 @@ def field(x, y, footprint, look):  # type: ignore[no-untyped-def]
 @compiled
 def puddle(x, y, look):  # type: ignore[no-untyped-def]
     """How deep water stands at world ``(x, y)``, 0 to 1."""
-    return smoothstep(0.62 - 0.35 * look[WET], 0.8 - 0.3 * look[WET], fractal_noise(x * 0.3, y * 0.3, 61, 2)) * look[WET]
+    return (
+        smoothstep(0.62 - 0.35 * look[WET], 0.8 - 0.3 * look[WET], fractal_noise(x * 0.3, y * 0.3, 61, 2)) * look[WET]
+    )

@@ -141,7 +141,22 @@ def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces
 
 @compiled
 def shade(
-    origins, directions, triangle, distance, sunny, open_sky, normals, surface, surfaces, lamps, lamp_cells, lamp_origin, look, pixel, radiance, mirror
+    origins,
+    directions,
+    triangle,
+    distance,
+    sunny,
+    open_sky,
+    normals,
+    surface,
+    surfaces,
+    lamps,
+    lamp_cells,
+    lamp_origin,
+    look,
+    pixel,
+    radiance,
+    mirror,
 ):  # type: ignore[no-untyped-def]
     """Linear radiance of every ray.
 
@@ -281,7 +296,10 @@ def mirror_rays(origins, directions, distance, mirror, at, starts, ways):  # typ
         starts[count, 0], starts[count, 1] = x, y
         starts[count, 2] = origins[i, 2] + d * directions[i, 2] + 0.003
         h = hash3(floor(x * 40.0), floor(y * 40.0), 5)
-        wx, wy = directions[i, 0] + 0.03 * (h - 0.5), directions[i, 1] + 0.03 * (hash3(floor(x * 40.0), floor(y * 40.0), 6) - 0.5)
+        wx, wy = (
+            directions[i, 0] + 0.03 * (h - 0.5),
+            directions[i, 1] + 0.03 * (hash3(floor(x * 40.0), floor(y * 40.0), 6) - 0.5),
+        )
         wz = -directions[i, 2] * (1.0 + 0.25 * (h - 0.5)) + 0.002
         n = 1.0 / sqrt(wx * wx + wy * wy + wz * wz)
         ways[count, 0], ways[count, 1], ways[count, 2] = wx * n, wy * n, wz * n

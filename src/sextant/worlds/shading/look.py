@@ -18,7 +18,17 @@ LENGTH = 32
 #: sun elevation in degrees -> linear RGB of the sun, the zenith and the horizon of a clear sky; a white wall in the noon
 #: sun has radiance near 1
 _ELEVATION = np.array([-18.0, -6.0, -1.0, 3.0, 12.0, 30.0, 60.0])
-_SUN = np.array([(0, 0, 0), (0, 0, 0), (0.1, 0.03, 0.01), (0.75, 0.35, 0.13), (1.35, 0.93, 0.56), (1.72, 1.5, 1.18), (1.9, 1.75, 1.52)])
+_SUN = np.array(
+    [
+        (0, 0, 0),
+        (0, 0, 0),
+        (0.1, 0.03, 0.01),
+        (0.75, 0.35, 0.13),
+        (1.35, 0.93, 0.56),
+        (1.72, 1.5, 1.18),
+        (1.9, 1.75, 1.52),
+    ]
+)
 _ZENITH = np.array([
     (0.005, 0.008, 0.02), (0.025, 0.045, 0.12), (0.06, 0.10, 0.22), (0.10, 0.17, 0.34), (0.13, 0.25, 0.5), (0.13, 0.28, 0.62), (0.12, 0.28, 0.64)
 ])  # fmt: skip
@@ -46,7 +56,11 @@ def pack(appearance: Appearance, *, indoor: bool = False) -> Float64[ndarray, "3
     a = appearance
     look = np.zeros(LENGTH)
     elevation, azimuth = np.radians(max(a.sun_elevation_deg, 0.5)), np.radians(a.sun_azimuth_deg)
-    look[SUN_X : SUN_Z + 1] = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    look[SUN_X : SUN_Z + 1] = (
+        np.cos(elevation) * np.cos(azimuth),
+        np.cos(elevation) * np.sin(azimuth),
+        np.sin(elevation),
+    )
     sun, zenith, horizon = (_at(table, a.sun_elevation_deg) for table in (_SUN, _ZENITH, _HORIZON))
     grey = 0.75 * horizon.mean() + 0.25 * zenith.mean()
     overcast = grey * np.array([0.93, 0.98, 1.06]) * 1.15
@@ -71,5 +85,3 @@ def pack(appearance: Appearance, *, indoor: bool = False) -> Float64[ndarray, "3
     look[INDOOR] = float(indoor)
     look.setflags(write=False)
     return look
-
-

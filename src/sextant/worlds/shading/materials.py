@@ -104,7 +104,11 @@ def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footpri
             tile = floor(u / 0.26 + 0.5 * (course % 2))
             detail = keep(footprint, 0.2)
             fv = oz / slope / 0.32 - course
-            k = 0.95 + 0.32 * detail * (hash3(tile, course, seed) - 0.5) - 0.3 * detail * (1.0 - smoothstep(0.0, 0.25, fv))
+            k = (
+                0.95
+                + 0.32 * detail * (hash3(tile, course, seed) - 0.5)
+                - 0.3 * detail * (1.0 - smoothstep(0.0, 0.25, fv))
+            )
             k *= 0.82 + 0.3 * value_noise(u * 0.6, oz * 0.9, seed)
         else:
             k = 0.85 + 0.3 * fractal_noise(u * 0.4, w * 0.4, seed, 2)
@@ -112,11 +116,17 @@ def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footpri
     elif kind == LEAVES:
         r, g, b = leaves(row, triangle, ox, oy, oz, look)
     elif kind == CONIFER:
-        k = 0.55 + 0.6 * hash3(triangle, 93, 0) * keep(footprint, 0.8) + 0.25 * value_noise(x * 6.0 + z * 3.0, y * 6.0 + z * 5.0, 94)
+        k = (
+            0.55
+            + 0.6 * hash3(triangle, 93, 0) * keep(footprint, 0.8)
+            + 0.25 * value_noise(x * 6.0 + z * 3.0, y * 6.0 + z * 5.0, 94)
+        )
         r, g, b = r * k, g * k, b * k
     elif kind == HEDGE:
-        k = 0.45 + 0.55 * value_noise(u * 7.0 + w * 3.0, oz * 7.0 + w * 5.0, seed) + 0.35 * keep(footprint, 0.12) * (
-            hash3(floor(u * 12.0), floor(oz * 12.0), floor(w * 12.0)) - 0.4
+        k = (
+            0.45
+            + 0.55 * value_noise(u * 7.0 + w * 3.0, oz * 7.0 + w * 5.0, seed)
+            + 0.35 * keep(footprint, 0.12) * (hash3(floor(u * 12.0), floor(oz * 12.0), floor(w * 12.0)) - 0.4)
         )
         brown = 0.5 * look[AUTUMN]
         r, g, b = k * (r + 0.05 * brown), k * (g - 0.02 * brown), k * b

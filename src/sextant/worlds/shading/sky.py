@@ -56,12 +56,16 @@ def sky(dx, dy, dz, look, detail):  # type: ignore[no-untyped-def]
         cx, cy = dx / level, dy / level
         for k in range(2):  # two ranges of hills, the farther one paler
             far = 1 - k
-            height = (0.012 + 0.05 * value_noise(cx * (5.0 - 2.0 * far) + 9.0, cy * (5.0 - 2.0 * far), 301 + k)) * (1.0 + 0.5 * far)
+            height = (0.012 + 0.05 * value_noise(cx * (5.0 - 2.0 * far) + 9.0, cy * (5.0 - 2.0 * far), 301 + k)) * (
+                1.0 + 0.5 * far
+            )
             height += 0.004 * value_noise(cx * 45.0, cy * 45.0, 303 + k)
             if dz < height:
                 haze = exp(-look[FOG] * (1500.0 + 2500.0 * far))
                 haze = clamp(haze * 0.75, 0.0, 0.65)
-                light = 0.35 * (look[ZENITH_R] + look[ZENITH_G] + look[ZENITH_B]) / 3.0 + 0.22 * look[SUN_G] * sqrt(look[SUN_Z])
+                light = 0.35 * (look[ZENITH_R] + look[ZENITH_G] + look[ZENITH_B]) / 3.0 + 0.22 * look[SUN_G] * sqrt(
+                    look[SUN_Z]
+                )
                 s = look[SNOW]
                 hr = (0.10 + 0.55 * s) * light
                 hg = (0.15 + 0.52 * s) * light
