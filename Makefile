@@ -27,6 +27,9 @@ sweep-demo: $(READY) ## a small sweep with its report: push-pull against convolu
 report: $(READY) ## the report of a sweep: make report SWEEP=demo
 	$(BIN)/python report.py sweep=$(or $(SWEEP),demo)
 
+worlds-gallery: $(READY) ## pictures of the town and the office for the docs, about 5 minutes
+	$(BIN)/sextant data gallery folder=docs/worlds samples=25
+
 dashboard: $(READY) ## bring the MLflow store up to date and open it on this machine
 	$(BIN)/sextant dashboard
 
@@ -47,4 +50,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help run test lint sweep-demo report dashboard bench lock clean
+.PHONY: help run test lint sweep-demo worlds-gallery report dashboard bench lock clean

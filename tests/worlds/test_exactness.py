@@ -49,12 +49,10 @@ def line_residual(points):
     return np.abs(centred @ np.linalg.svd(centred)[2][1]).max()
 
 
-def edge_columns(picture):
-    """Column of the edge from black (left) to white in each row: the first wholly white pixel less the grey coverage."""
-    light = undeveloped(picture)[..., 1]
-    white = np.median(light[light > 0.5 * light.max()])
-    share = np.clip(light / white, 0, 1)
-    return share.shape[1] - share.sum(1)
+def edge_columns(picture, white, black):
+    """Column of the edge in each row, from how much of it is white rather than black."""
+    light, high, low = (undeveloped(p)[..., 1] for p in (picture, white, black))
+    return light.shape[1] - ((light - low) / (high - low)).sum(1)
 
 
 # -- straight lines ----------------------------------------------------------------------------------------------------
@@ -63,15 +61,12 @@ def edge_columns(picture):
 @pytest.mark.parametrize(("k1", "roll"), [(-0.3, 0.0), (-0.3, 0.12), (0.15, -0.08)])
 def test_a_straight_edge_is_straight_once_undistorted_and_only_then(k1, roll):
     camera = lens(160, 120, 75, k1)
-    # a white wall that fills the right of the view, its upright edge left of the middle; nothing but black behind it
-    wall = box((6.0, 0.0, -40.0), (0.5, 40.0, 80.0), colour=(0.9, 0.9, 0.9))
-    black = box((60.0, 0.0, -200.0), (1.0, 600.0, 400.0), colour=(0.0, 0.0, 0.0))
-    drawer = renderer(wall, black)
-    eye = pose(0, -20 + -3.4, 0, 0, 0, roll).copy()  # the wall ends at y = -20; looking along x, right is -y
-    eye[1, 3] = 20 - 3.4 + 2 * 0  # its left end, y = 20, is 3.4 m to the left
-    picture = drawer.picture(camera_rays(camera, 64), eye, PLAIN_LOOK)
-    assert picture.min() < 8
-    column = edge_columns(picture)
+    # a white wall that fills the right of the view, its upright end 3.4 m to the left; behind it nothing but black
+    wall, whole = (box((6.25, y - 20, -40.0), (0.5, 40.0, 80.0), colour=(0.9, 0.9, 0.9)) for y in (3.4, 15.0))
+    black = box((60.0, 0.0, -300.0), (1.0, 900.0, 600.0), colour=(0.0, 0.0, 0.0))
+    eye, rays = pose(0, 0, 0, 0, 0, roll), camera_rays(camera, 64)
+    pictures = [renderer(*parts).picture(rays, eye, PLAIN_LOOK) for parts in ((wall, black), (whole, black), (black,))]
+    column = edge_columns(*pictures)
     row = np.arange(camera.height) + 0.5
     assert 5 < column.min() < column.max() < 75
     seen = np.column_stack([column, row])
@@ -167,7 +162,7 @@ def test_depth_is_that_of_planes_in_closed_form(away, k1):
     near = hit & (view.distance_m.ravel() < 2000)
     expected = -place[2] / ways[near, 2]
     assert np.abs(view.distance_m.ravel()[near] / expected - 1).max() < 1e-9
-    corners = np.array([(away + 3.0, -12.0 - away), (away + 14.0, -3.5 - away)], np.float32).astype(float)
+    corners = np.array([(away + 1.0, -5.0 - away), (away + 14.0, -24.5 - away)], np.float32).astype(float)
     (x0, y0), (x1, y1) = corners
     view = renderer(rectangle((x0, y0, -6), (x1, y1, -6), (x1, y1, 9), (x0, y0, 9))).view(rays, eye, OVERCAST)
     hit = np.isfinite(view.distance_m.ravel())
@@ -206,7 +201,7 @@ def test_a_panorama_and_a_picture_agree_along_the_same_rays():
     assert same.mean() > 0.999  # but where a ray falls on an edge
     assert np.array_equal(np.isfinite(there[same]), np.isfinite(here[same]))
     both = same & np.isfinite(there) & np.isfinite(here)
-    assert np.mean(np.abs(there[both] / here[both] - 1) < 1e-9) > 0.999
+    assert np.mean(np.abs(there[both] / here[both] - 1) < 1e-9) > 0.995
     assert np.median(np.abs(whole.radiance[seen] - part.radiance[0])) < 0.01
 
 
@@ -228,7 +223,9 @@ def test_laser_ranges_are_the_depth_that_a_camera_sees_in_their_plane():
         ranges = np.where(ranges == 1e4, np.inf, ranges)
         solid = np.isfinite(seen) & np.isfinite(ranges)
         assert solid.mean() > 0.9
-        assert np.mean(np.abs(seen[solid] / ranges[solid] - 1) < 1e-6) > 0.97  # leaves let some rays of a camera through
+        assert (
+            np.mean(np.abs(seen[solid] / ranges[solid] - 1) < 1e-6) > 0.97
+        )  # leaves let some rays of a camera through
 
 
 def test_wet_or_dark_the_geometry_is_the_same():

@@ -17,6 +17,7 @@ from sextant.cli.arguments import parse_arguments
 from sextant.cli.assemble import build_dataset
 from sextant.cli.compose import compose, conf_dir, groups, to_plain
 from sextant.cli.console import console, key_value_table
+from sextant.cli.gallery import gallery
 from sextant.config import validate
 from sextant.errors import UserError
 
@@ -25,14 +26,15 @@ if TYPE_CHECKING:
 
 USAGE = """sextant data list
 sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2]
-sextant data verify <store or its folder> [repair=true]"""
+sextant data verify <store or its folder> [repair=true]
+sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"""
 LINE_S = 5.0
 SHOWN_DAMAGES = 50
 
 
 def main(arguments: Sequence[str]) -> None:
     """Run one of the commands of :data:`USAGE`."""
-    verbs = {"list": _list, "render": _render, "verify": _verify}
+    verbs = {"list": _list, "render": _render, "verify": _verify, "gallery": gallery}
     verb = arguments[0] if arguments else "list"
     if any(argument in ("-h", "--help") for argument in arguments):
         print(USAGE)

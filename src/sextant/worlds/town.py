@@ -8,7 +8,6 @@ import shapely
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy.spatial import cKDTree
-from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from sextant.errors import UserError
@@ -199,7 +198,7 @@ class Town:
         rows: list[tuple[float, float, float, float]] = []  # x, y, size, conifer
         for block, density in enumerate(self.districts):
             for side in self.ground.sides(block, inset=-PAVEMENT_M + 1.25, shortest_m=16):
-                if rng.random() < 0.62:
+                if rng.random() < 0.72:
                     gap = rng.uniform(9, 15)
                     for s in np.arange(6 + rng.uniform(0, 4), side.length - 6, gap):
                         if rng.random() < 0.85:
@@ -222,7 +221,7 @@ class Town:
     ) -> list[tuple[float, float, float, float]]:
         if lot.is_empty:
             return []
-        every = 110.0 if density < 0 else 260.0 + 500.0 * density  # square metres a tree
+        every = 110.0 if density < 0 else 130.0 + 420.0 * density  # square metres a tree
         left, bottom, right, top = lot.bounds
         n = int((right - left) * (top - bottom) / every)
         points = rng.uniform((left, bottom), (right, top), (n, 2))

@@ -1,7 +1,7 @@
 """Pictures of the worlds for people to look at: streets, seasons, panoramas, an office, a map."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +19,9 @@ from sextant.figures.style import save_figure
 from sextant.geometry import EquirectangularCamera, PerspectiveCamera
 from sextant.worlds.appearance import CONDITIONS, condition
 from sextant.worlds.buildings import footprints
+from sextant.worlds.office import Office
+from sextant.worlds.office_layouts import procedural_plan
+from sextant.worlds.office_routes import wander
 from sextant.worlds.routes import drive, walk
 from sextant.worlds.street_layouts import grid_streets, irregular_streets
 from sextant.worlds.tours import random_walk
@@ -103,17 +106,17 @@ def _streets(folder: Path, samples: int) -> list[Path]:
     camera = perspective(960, 540, 58.0)
     paths = []
     for i, spot in enumerate(STREETS, start=1):
-        paths.append(folder / f"street_{i:02d}_{spot.town}_{spot.condition}.jpg")
-        Image.fromarray(street_picture(spot, camera, samples)).save(paths[-1], quality=88)
+        picture = Image.fromarray(street_picture(spot, camera, samples))
+        paths.append(_save(picture, folder / f"street_{i:02d}_{spot.town}_{spot.condition}.png"))
     return paths
 
 
 def _conditions(folder: Path, samples: int) -> list[Path]:
-    spot = Spot("old_town", "summer_noon", 40)
+    spot = Spot("centre", "summer_noon", 416)
     pictures = [
         street_picture(Spot(spot.town, name, spot.metres), perspective(480, 300, 58.0), samples) for name in CONDITIONS
     ]
-    return [_save(sheet(pictures, [name.replace("_", " ") for name in CONDITIONS], 2), folder / "conditions.jpg")]
+    return [_save(sheet(pictures, [name.replace("_", " ") for name in CONDITIONS], 2), folder / "conditions.png")]
 
 
 def _panoramas(folder: Path, samples: int) -> list[Path]:
@@ -131,7 +134,7 @@ def _panoramas(folder: Path, samples: int) -> list[Path]:
         pose = camera_poses(street_poses(town.graph, 1, np.random.default_rng(20 + k)))
         pictures.append(town.renderer(condition(look), soft=True).pictures(rays, pose, condition(look))[0])
         names.append(f"{name}, {look}".replace("_", " "))
-    return [_save(sheet(pictures, names, 2), folder / "panoramas.jpg")]
+    return [_save(sheet(pictures, names, 2), folder / "panoramas.png")]
 
 
 def _from_above(folder: Path, samples: int) -> list[Path]:
@@ -150,11 +153,33 @@ def _from_above(folder: Path, samples: int) -> list[Path]:
     box = shapely.box(left - 30, bottom - 30, right + 30, top + 30)
     trees = town.trees.position[shapely.contains_xy(box, *town.trees.position[:, :2].T)][:, :2]
     figure = street_map(lots, footprints(town.buildings), trees, routes, box.bounds)
-    return [_save(Image.fromarray(picture), folder / "from_above.jpg"), *save_figure(figure, folder, "map")]
+    return [_save(Image.fromarray(picture), folder / "from_above.png"), *save_figure(figure, folder, "map")]
+
+
+def _office(folder: Path, samples: int) -> list[Path]:
+    plan = procedural_plan((46.0, 16.0), 0)
+    drive_ = wander(plan, 120.0, 0.1, np.random.default_rng(3))
+    office = Office(replace(plan, tracks=(plan.to_plan(drive_[:, :2]),)), 0)
+    rays = camera_rays(perspective(640, 400, 62.0), samples)
+    pictures, names = [], []
+    for metres, look in (
+        (4, "summer_noon"),
+        (22, "summer_noon"),
+        (45, "night_clear"),
+        (60, "summer_noon"),
+        (78, "summer_noon"),
+        (100, "night_clear"),
+    ):
+        x, y, heading = drive_[10 * metres]
+        pose = camera_poses(np.array([[x, y, 1.3, heading, 0.0, 0.0]]))
+        pictures.append(office.renderer(condition(look)).pictures(rays, pose, condition(look))[0])
+        names.append(f"{metres} m, {look}".replace("_", " "))
+    return [_save(sheet(pictures, names, 2), folder / "office.png")]
 
 
 def _save(image: Image.Image, path: Path) -> Path:
-    image.save(path, quality=86)
+    """In 256 dithered colours: a third of the size, and no artefacts that were not rendered."""
+    image.quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
     return path
 
 
@@ -164,6 +189,7 @@ SECTIONS: dict[str, Callable[[Path, int], list[Path]]] = {
     "conditions": _conditions,
     "panoramas": _panoramas,
     "from_above": _from_above,
+    "office": _office,
 }
 
 

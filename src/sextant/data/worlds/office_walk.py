@@ -74,7 +74,9 @@ class OfficeWalkPlan(WorldPlan):
             )
         else:
             plan = self._empty_plan
-            plan = replace(plan, tracks=tuple(plan.to_plan(drive[:, :2]) for drive in self._drives))  # furniture keeps off
+            plan = replace(
+                plan, tracks=tuple(plan.to_plan(drive[:, :2]) for drive in self._drives)
+            )  # furniture keeps off
         return Office(plan, self.config["seed"])
 
     def lay_out(self) -> Shots:

@@ -6,13 +6,34 @@ from sextant.worlds.shading.compiled import compiled
 from sextant.worlds.shading.ground import puddle
 from sextant.worlds.shading.interior import indoor_light
 from sextant.worlds.shading.look import (
-    BOUNCE_B, BOUNCE_G, BOUNCE_R, FOG, FOG_B, FOG_G, FOG_R, HORIZON_B, HORIZON_G, HORIZON_R, INDOOR, LAMPS, SNOW, SUN_B, SUN_G,
-    SUN_R, SUN_X, SUN_Y, SUN_Z, WET, ZENITH_B, ZENITH_G, ZENITH_R,
+    BOUNCE_B,
+    BOUNCE_G,
+    BOUNCE_R,
+    FOG,
+    FOG_B,
+    FOG_G,
+    FOG_R,
+    HORIZON_B,
+    HORIZON_G,
+    HORIZON_R,
+    INDOOR,
+    LAMPS,
+    SNOW,
+    SUN_B,
+    SUN_G,
+    SUN_R,
+    SUN_X,
+    SUN_Y,
+    SUN_Z,
+    WET,
+    ZENITH_B,
+    ZENITH_G,
+    ZENITH_R,
 )  # fmt: skip
-from sextant.worlds.shading.materials import CONIFER, FACADE, LEAVES, ROAD, material
+from sextant.worlds.shading.materials import CONIFER, FACADE, LEAVES, material
 from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, smoothstep
 from sextant.worlds.shading.sky import sky
-from sextant.worlds.surfaces import KIND, P0, X, Y, Z
+from sextant.worlds.surfaces import KIND, X, Y, Z
 
 
 @compiled

@@ -3,10 +3,10 @@
 from math import floor, sqrt
 
 from sextant.worlds.shading.compiled import compiled
-from sextant.worlds.shading.facade import facade, wall_colour
-from sextant.worlds.shading.ground import asphalt, field, grass, pavement, road
+from sextant.worlds.shading.facade import facade
+from sextant.worlds.shading.ground import field, grass, pavement, road
 from sextant.worlds.shading.interior import WALL, interior
-from sextant.worlds.shading.look import AUTUMN, INDOOR, LIT, NIGHT
+from sextant.worlds.shading.look import AUTUMN, NIGHT
 from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, keep, smoothstep, value_noise
 from sextant.worlds.surfaces import BLUE, BLUE2, COS, GREEN, GREEN2, KIND, P0, RED, RED2, SEED, SIN, Kind, X, Y, Z
 

@@ -4,8 +4,22 @@ from math import exp, floor, sqrt
 
 from sextant.worlds.shading.compiled import compiled
 from sextant.worlds.shading.look import (
-    CLOUD, FOG, HORIZON_B, HORIZON_G, HORIZON_R, SNOW, STARS, SUN_B, SUN_G, SUN_R, SUN_X, SUN_Y, SUN_Z,
-    ZENITH_B, ZENITH_G, ZENITH_R,
+    CLOUD,
+    FOG,
+    HORIZON_B,
+    HORIZON_G,
+    HORIZON_R,
+    SNOW,
+    STARS,
+    SUN_B,
+    SUN_G,
+    SUN_R,
+    SUN_X,
+    SUN_Y,
+    SUN_Z,
+    ZENITH_B,
+    ZENITH_G,
+    ZENITH_R,
 )  # fmt: skip
 from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, smoothstep, value_noise
 
