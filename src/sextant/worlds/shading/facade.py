@@ -18,7 +18,7 @@ HOME, SHOP, GARAGE, OFFICE = range(4)
 
 
 @compiled
-def wall_colour(row, u, v, seed, style, footprint):  # type: ignore[no-untyped-def]
+def wall_colour(row, u, v, seed, style, footprint):
     """Albedo of the bare wall."""
     r, g, b = row[RED], row[GREEN], row[BLUE]
     if style == BRICK:
@@ -65,7 +65,7 @@ def wall_colour(row, u, v, seed, style, footprint):  # type: ignore[no-untyped-d
 
 
 @compiled
-def room(x, y, w, h, seed, lit, day, footprint):  # type: ignore[no-untyped-def]
+def room(x, y, w, h, seed, lit, day, footprint):
     """What is seen through a pane: albedo of curtains or the dark of the room, and the light that comes out of it."""
     kind = hash3(seed, 5, 1)
     r, g, b = 0.035, 0.037, 0.042
@@ -90,7 +90,7 @@ def room(x, y, w, h, seed, lit, day, footprint):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):  # type: ignore[no-untyped-def]
+def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):
     """Albedo (3), emission (3), mirror share of a pane, share of the sun let through, of a wall at ``(u, v)`` metres.
 
     ``(du, dv, dn)`` is the ray and ``(su, sv, sn)`` the sun in the frame along, up and out of the wall.

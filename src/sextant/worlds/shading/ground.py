@@ -9,7 +9,7 @@ from sextant.worlds.surfaces import P0, SEED
 
 
 @compiled
-def asphalt(x, y, footprint, look):  # type: ignore[no-untyped-def]
+def asphalt(x, y, footprint, look):
     """Albedo of a road surface at world ``(x, y)``: patches, grain and cracks."""
     base = 0.085 + 0.035 * value_noise(x * 0.21, y * 0.21, 11) + 0.02 * value_noise(x * 1.7, y * 1.7, 12)
     i, j = floor(x / 7.0), floor(y / 7.0)
@@ -29,7 +29,7 @@ def asphalt(x, y, footprint, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def road(row, u, v, x, y, footprint, look):  # type: ignore[no-untyped-def]
+def road(row, u, v, x, y, footprint, look):
     """Albedo of a street at ``u`` along and ``v`` left of its centre line, and how far wheels kept it clear (0 to 1)."""
     length, half, markings, start, end = row[P0], row[P0 + 1], row[P0 + 2], row[P0 + 3], row[P0 + 4]
     r, g, b = asphalt(x, y, footprint, look)
@@ -67,7 +67,7 @@ def road(row, u, v, x, y, footprint, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pavement(x, y, seed, footprint, look):  # type: ignore[no-untyped-def]
+def pavement(x, y, seed, footprint, look):
     """Albedo of paving slabs at world ``(x, y)``."""
     size = 0.5
     i, j = floor(x / size), floor(y / size)
@@ -84,7 +84,7 @@ def pavement(x, y, seed, footprint, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def grass(x, y, footprint, look):  # type: ignore[no-untyped-def]
+def grass(x, y, footprint, look):
     """Albedo of a lawn, with fallen leaves in autumn."""
     big = fractal_noise(x * 0.16, y * 0.16, 41, 2)
     fine = 0.5
@@ -105,7 +105,7 @@ def grass(x, y, footprint, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def field(x, y, footprint, look):  # type: ignore[no-untyped-def]
+def field(x, y, footprint, look):
     """Albedo of the open country around a town."""
     i, j = floor(x / 160.0), floor(y / 110.0)
     crop = hash3(i, j, 51)
@@ -120,7 +120,7 @@ def field(x, y, footprint, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def puddle(x, y, look):  # type: ignore[no-untyped-def]
+def puddle(x, y, look):
     """How deep water stands at world ``(x, y)``, 0 to 1."""
     return (
         smoothstep(0.62 - 0.35 * look[WET], 0.8 - 0.3 * look[WET], fractal_noise(x * 0.3, y * 0.3, 61, 2)) * look[WET]

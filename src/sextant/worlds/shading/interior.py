@@ -34,7 +34,7 @@ SHADOW_STEPS = 1000.0
 
 
 @compiled
-def panel(u, w, width, depth, columns, rows):  # type: ignore[no-untyped-def]
+def panel(u, w, width, depth, columns, rows):
     """Whether a point of a ceiling is on a lamp panel of 1.2 by 0.3 m on a lattice: 0 no, 1 its light, 2 its frame."""
     if columns < 1.0 or rows < 1.0:
         return 0
@@ -49,7 +49,7 @@ def panel(u, w, width, depth, columns, rows):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def corner(u, width, low, high):  # type: ignore[no-untyped-def]
+def corner(u, width, low, high):
     """How much light reaches a surface near the inner corners at its ends: 1 far from them."""
     k = 1.0
     if low > 0.5:
@@ -60,7 +60,7 @@ def corner(u, width, low, high):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def daylight(look):  # type: ignore[no-untyped-def]
+def daylight(look):
     """Linear RGB of the light that falls through a window."""
     r = 0.4 * look[ZENITH_R] + 0.5 * look[HORIZON_R] + 0.35 * look[SUN_R]
     g = 0.4 * look[ZENITH_G] + 0.5 * look[HORIZON_G] + 0.35 * look[SUN_G]
@@ -69,7 +69,7 @@ def daylight(look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def burning_share(row, look):  # type: ignore[no-untyped-def]
+def burning_share(row, look):
     """Share of a room's lamps that burn: all by night and on dull days, its own share in bright daylight."""
     _, day, _ = daylight(look)
     dull = max(look[NIGHT], 1.0 - smoothstep(0.45, 0.9, day))
@@ -77,7 +77,7 @@ def burning_share(row, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def outside(dx, dy, dz, look):  # type: ignore[no-untyped-def]
+def outside(dx, dy, dz, look):
     """What is seen through a window: sky above a row of trees and houses far off, lawn below."""
     a = dx / (abs(dx) + abs(dy) + 1e-9)
     a = a if dy >= 0.0 else 2.0 - a
@@ -101,7 +101,7 @@ def outside(dx, dy, dz, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def wall(row, u, oz, footprint):  # type: ignore[no-untyped-def]
+def wall(row, u, oz, footprint):
     """Albedo of a pale wall with a skirting board, darker towards its corners."""
     r, g, b = row[RED], row[GREEN], row[BLUE]
     seed = int(row[SEED] * 16777216.0)
@@ -122,7 +122,7 @@ def wall(row, u, oz, footprint):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def floors(row, u, w, footprint):  # type: ignore[no-untyped-def]
+def floors(row, u, w, footprint):
     """Albedo and gloss of carpet, tiles, planks or linoleum, darker towards the walls of the room."""
     r, g, b = row[RED], row[GREEN], row[BLUE]
     seed, style, gloss = int(row[SEED] * 16777216.0), int(row[P0]), 0.0
@@ -160,7 +160,7 @@ def floors(row, u, w, footprint):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def ceiling(row, u, w, footprint, look):  # type: ignore[no-untyped-def]
+def ceiling(row, u, w, footprint, look):
     """Albedo and emission of a ceiling of 0.6 m boards with lamp panels."""
     r, g, b = row[RED], row[GREEN], row[BLUE]
     side, width, depth = row[P0], row[P0 + 2], row[P0 + 3]
@@ -181,7 +181,7 @@ def ceiling(row, u, w, footprint, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def cork(u, v, edge, seed, footprint):  # type: ignore[no-untyped-def]
+def cork(u, v, edge, seed, footprint):
     """Albedo of a pinboard: notes on cork in a wooden frame."""
     if edge < 0.03:
         return 0.32, 0.2, 0.1
@@ -200,7 +200,7 @@ def cork(u, v, edge, seed, footprint):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def printed(row, across, top, u, v, seed, footprint):  # type: ignore[no-untyped-def]
+def printed(row, across, top, u, v, seed, footprint):
     """Albedo of a poster: a coloured title, and a grid of pictures and blocks of text."""
     r, g, b = row[RED], row[GREEN], row[BLUE]
     if top > 0.84:
@@ -228,7 +228,7 @@ def printed(row, across, top, u, v, seed, footprint):  # type: ignore[no-untyped
 
 
 @compiled
-def poster(row, u, oz, footprint):  # type: ignore[no-untyped-def]
+def poster(row, u, oz, footprint):
     """A framed sheet: a title, blocks of text and pictures, or cork with notes (a seed above 0.7)."""
     width, height = row[P0], row[P0 + 1]
     seed = int(row[SEED] * 16777216.0)
@@ -247,7 +247,7 @@ def poster(row, u, oz, footprint):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def screen(row, u, oz, footprint):  # type: ignore[no-untyped-def]
+def screen(row, u, oz, footprint):
     """Light of a screen: windows with lines of text on a plain ground, or dark."""
     width, height, on = row[P0], row[P0 + 1], row[P0 + 2]
     seed = int(row[SEED] * 16777216.0)
@@ -273,7 +273,7 @@ def screen(row, u, oz, footprint):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def door(row, u, v, seed):  # type: ignore[no-untyped-def]
+def door(row, u, v, seed):
     """Albedo and gloss of a door leaf: a handle, and by its seed a pane of glass or a kick plate."""
     width, height = row[P0], row[P0 + 1]
     handle = abs(v - 1.05) < 0.012 and u > 0.80 * width and u < 0.93 * width
@@ -288,7 +288,7 @@ def door(row, u, v, seed):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def grain(u, w, v, nz, seed, footprint):  # type: ignore[no-untyped-def]
+def grain(u, w, v, nz, seed, footprint):
     """Brightness of wood: grain along the width of what is level, and up what is upright."""
     along, across = (u, w) if abs(nz) > 0.7 else (v, u + w)
     k = value_noise(across * 30.0, along * 1.6, seed) + 0.5 * value_noise(across * 110.0, along * 3.0, seed)
@@ -296,7 +296,7 @@ def grain(u, w, v, nz, seed, footprint):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def window(row, u, v, dx, dy, dz, look):  # type: ignore[no-untyped-def]
+def window(row, u, v, dx, dy, dz, look):
     """Albedo, emission and gloss of a window: its frame, and what is outside."""
     width, height = row[P0], row[P0 + 1]
     if min(u, width - u, v, height - v) < 0.05 or (abs(u - 0.5 * width) < 0.035 and width > 1.0):
@@ -306,7 +306,7 @@ def window(row, u, v, dx, dy, dz, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def books(row, u, v, nz, seed):  # type: ignore[no-untyped-def]
+def books(row, u, v, nz, seed):
     """Albedo of shelves: boards, books of many colours, and rows of binders."""
     r, g, b = row[RED], row[GREEN], row[BLUE]
     width, height, boards = row[P0], row[P0 + 1], max(row[P0 + 2], 1.0)
@@ -330,7 +330,7 @@ def books(row, u, v, nz, seed):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def interior(row, kind, u, w, oz, nx, ny, nz, dx, dy, dz, footprint, look):  # type: ignore[no-untyped-def]
+def interior(row, kind, u, w, oz, nx, ny, nz, dx, dy, dz, footprint, look):
     """What is seen of an indoor surface at ``(u, w, oz)`` in its texture frame.
 
     Returns:
@@ -365,7 +365,7 @@ def interior(row, kind, u, w, oz, nx, ny, nz, dx, dy, dz, footprint, look):  # t
 
 
 @compiled
-def shadow(cells, origin, x, y):  # type: ignore[no-untyped-def]
+def shadow(cells, origin, x, y):
     """The contact shadow at a point of the floor, 0 to 1, blended between cells."""
     gx, gy = (x - origin[0]) / origin[2] - 0.5, (y - origin[1]) / origin[2] - 0.5
     i, j = floor(gx), floor(gy)
@@ -379,7 +379,7 @@ def shadow(cells, origin, x, y):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def room_light(x, y, z, nx, ny, nz, mx, my, mz, lamps, cells, origin):  # type: ignore[no-untyped-def]
+def room_light(x, y, z, nx, ny, nz, mx, my, mz, lamps, cells, origin):
     """What the lights of its room do to a point with normal ``n``, seen by a ray mirrored to ``m``.
 
     Returns:
@@ -417,7 +417,7 @@ def room_light(x, y, z, nx, ny, nz, mx, my, mz, lamps, cells, origin):  # type: 
 
 
 @compiled
-def indoor_light(row, r, g, b, gloss, x, y, z, nx, ny, nz, dx, dy, dz, along, lamps, cells, origin, look):  # type: ignore[no-untyped-def]
+def indoor_light(row, r, g, b, gloss, x, y, z, nx, ny, nz, dx, dy, dz, along, lamps, cells, origin, look):
     """Light that a point of albedo ``(r, g, b)`` sends back along the unit ray ``d``, without what it emits.
 
     ``albedo (fill + sum of lamps and windows) + gloss (their highlights)``: a lamp gives

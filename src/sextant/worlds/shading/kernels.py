@@ -37,7 +37,7 @@ from sextant.worlds.surfaces import KIND, X, Y, Z
 
 
 @compiled
-def world_rays(pose, bearings, first, shift, origins, directions):  # type: ignore[no-untyped-def]
+def world_rays(pose, bearings, first, shift, origins, directions):
     """Rays of a camera at ``pose`` (3 x 4, world from camera), into float32 ``origins`` and ``directions``.
 
     While the shutter is open the camera moves by ``shift`` (metres along world x, y, z, and radians about z): each ray has
@@ -63,7 +63,7 @@ def world_rays(pose, bearings, first, shift, origins, directions):  # type: igno
 
 
 @compiled
-def distances(origins, directions, triangle, normals, offsets, out):  # type: ignore[no-untyped-def]
+def distances(origins, directions, triangle, normals, offsets, out):
     """Exact distance of each ray to the plane of the triangle it met; infinite where it met none."""
     for i in range(triangle.shape[0]):
         t = triangle[i]
@@ -76,7 +76,7 @@ def distances(origins, directions, triangle, normals, offsets, out):  # type: ig
 
 
 @compiled
-def gaps(origins, directions, triangle, distance, surface, surfaces, footprint, out):  # type: ignore[no-untyped-def]
+def gaps(origins, directions, triangle, distance, surface, surfaces, footprint, out):
     """Numbers of the rays that slip between the leaves where they met foliage; returns how many."""
     count = 0
     for i in range(triangle.shape[0]):
@@ -97,7 +97,7 @@ def gaps(origins, directions, triangle, distance, surface, surfaces, footprint, 
 
 
 @compiled
-def shadow_rays(origins, directions, triangle, distance, normals, surface, surfaces, look, at, starts):  # type: ignore[no-untyped-def]
+def shadow_rays(origins, directions, triangle, distance, normals, surface, surfaces, look, at, starts):
     """Points that face the sun and must ask whether they see it: their ray numbers and places; returns how many."""
     if look[SUN_R] + look[SUN_G] + look[SUN_B] < 1e-3 or look[INDOOR] > 0.5:
         return 0
@@ -129,7 +129,7 @@ def shadow_rays(origins, directions, triangle, distance, normals, surface, surfa
 
 
 @compiled
-def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, number, samples, at, starts, ways):  # type: ignore[no-untyped-def]
+def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, number, samples, at, starts, ways):
     """One ray from each point that was met, by the cosine law about its normal: does it see the sky? Returns how many.
 
     The ``samples`` rays of a pixel, told by the ``number`` of the ray in its view, spread by a golden-ratio sequence, shifted by a hash of the pixel.
@@ -178,7 +178,7 @@ def shade(
     pixel,
     radiance,
     mirror,
-):  # type: ignore[no-untyped-def]
+):
     """Linear radiance of every ray.
 
     ``albedo (sun max(n.s, 0) visible + sky (1 + n.z)/2 + bounce (1 - n.z)/2 + lamps) + emission + mirrored sky``, with snow
@@ -305,7 +305,7 @@ def shade(
 
 
 @compiled
-def mirror_rays(origins, directions, distance, mirror, at, starts, ways):  # type: ignore[no-untyped-def]
+def mirror_rays(origins, directions, distance, mirror, at, starts, ways):
     """Rays thrown back by wet ground (normal up, rippled a little): their numbers and themselves; returns how many."""
     count = 0
     for i in range(mirror.shape[0]):
@@ -330,7 +330,7 @@ def mirror_rays(origins, directions, distance, mirror, at, starts, ways):  # typ
 
 
 @compiled
-def average(radiance, samples, out):  # type: ignore[no-untyped-def]
+def average(radiance, samples, out):
     """Mean of the ``samples`` rays of each pixel, bright ones held at 8 so that a lamp does not sparkle."""
     for i in range(out.shape[0]):
         for c in range(3):
@@ -341,13 +341,13 @@ def average(radiance, samples, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def gaussian(i, c, seed):  # type: ignore[no-untyped-def]
+def gaussian(i, c, seed):
     """A standard normal number for three integers (Box and Muller)."""
     return sqrt(-2.0 * log(hash3(i, c, seed) + 1e-12)) * cos(2.0 * pi * hash3(i, c + 3, seed + 1))
 
 
 @compiled
-def develop(linear, width, gain, curve, read, shot, vignetting, seed, out):  # type: ignore[no-untyped-def]
+def develop(linear, width, gain, curve, read, shot, vignetting, seed, out):
     """A picture in 8 bits: vignetting, gains, a filmic shoulder, sensor noise, and a tone ``curve`` of 65,536 levels."""
     n = linear.shape[0]
     height = n // width

@@ -16,7 +16,7 @@ from sextant.worlds.surfaces import BLUE, BLUE2, COS, GREEN, GREEN2, KIND, P0, R
 
 
 @compiled
-def car(row, px, py, pz, nz, look):  # type: ignore[no-untyped-def]
+def car(row, px, py, pz, nz, look):
     """A car in its own frame (x forward): wheels, glass, lights and paint by position."""
     length, width, height = row[P0], row[P0 + 1], row[P0 + 2]
     r, g, b = row[RED], row[GREEN], row[BLUE]
@@ -50,7 +50,7 @@ def car(row, px, py, pz, nz, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def leaves(row, triangle, px, py, pz, look):  # type: ignore[no-untyped-def]
+def leaves(row, triangle, px, py, pz, look):
     """Albedo of foliage; in autumn each tree turns at its own time."""
     seed = row[SEED]
     tint = hash3(triangle, 91, 0)
@@ -67,7 +67,7 @@ def leaves(row, triangle, px, py, pz, look):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footprint, look):  # type: ignore[no-untyped-def]
+def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footprint, look):
     """What is seen of surface ``row`` at world ``(x, y, z)`` with unit normal ``n`` along the unit ray ``d``.
 
     Returns:

@@ -6,7 +6,7 @@ from sextant.worlds.shading.compiled import compiled
 
 
 @compiled
-def hash3(i, j, k):  # type: ignore[no-untyped-def]
+def hash3(i, j, k):
     """A number in [0, 1) for three integers."""
     h = (int(i) * 374761393 + int(j) * 668265263 + int(k) * 2246822519 + 3266489917) & 0xFFFFFFFF
     h = ((h ^ (h >> 15)) * 2246822519) & 0xFFFFFFFF
@@ -15,20 +15,20 @@ def hash3(i, j, k):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def clamp(x, low, high):  # type: ignore[no-untyped-def]
+def clamp(x, low, high):
     """``x`` kept within ``[low, high]``."""
     return low if x < low else (high if x > high else x)
 
 
 @compiled
-def smoothstep(low, high, x):  # type: ignore[no-untyped-def]
+def smoothstep(low, high, x):
     """0 below ``low``, 1 above ``high``, ``3t^2 - 2t^3`` between."""
     t = clamp((x - low) / (high - low), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
 @compiled
-def value_noise(x, y, seed):  # type: ignore[no-untyped-def]
+def value_noise(x, y, seed):
     """Smooth noise in [0, 1) with features of size one: hashes of the lattice, blended by a smooth step."""
     i, j = floor(x), floor(y)
     fx, fy = x - i, y - j
@@ -39,7 +39,7 @@ def value_noise(x, y, seed):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def fractal_noise(x, y, seed, octaves):  # type: ignore[no-untyped-def]
+def fractal_noise(x, y, seed, octaves):
     """Sum of ``octaves`` of value noise, each twice as fine and half as strong, scaled to [0, 1)."""
     total, weight, scale = 0.0, 0.0, 1.0
     for k in range(octaves):
@@ -50,6 +50,6 @@ def fractal_noise(x, y, seed, octaves):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def keep(footprint, size):  # type: ignore[no-untyped-def]
+def keep(footprint, size):
     """How much of a detail of ``size`` survives a pixel that covers ``footprint``: 1 well resolved, 0 finer than it."""
     return clamp(1.4 - footprint / size, 0.0, 1.0)

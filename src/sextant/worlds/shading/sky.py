@@ -25,7 +25,7 @@ from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, smoothstep
 
 
 @compiled
-def sky(dx, dy, dz, look, detail):  # type: ignore[no-untyped-def]
+def sky(dx, dy, dz, look, detail):
     """Linear RGB of the sky towards the unit vector; ``detail`` false leaves clouds and hills out (for mirrors)."""
     up = clamp(dz, 0.0, 1.0)
     blend = (1.0 - up) ** 5
