@@ -1,12 +1,19 @@
-"""How alike two pairs of aligned traverses are, such as rendered places and real ones, statistic by statistic.
+"""How alike pairs of aligned traverses are, such as rendered places and real ones, statistic by statistic.
 
 ``python -m benchmarks.place_statistics reference=<images> query=<images> [reference2=<images> query2=<images>]``
+``python -m benchmarks.place_statistics [reference=<images> query=<images>] town=true [seeds=0,1,2] [json=<file>]``
 
 Images are a folder, in the order of the file names, or an ``.npy`` of uint8 (n, h, w, 3). Images at one index show one
-place. With a second pair the table has its ratio to the first, and Kendall's tau between the rankings of descriptors.
+place. With ``town=true`` two drives through a town under ``nordland_town.SETTINGS`` follow for each of ``seeds``, of as
+many places as the images (or ``places=``), rendered into the stores of ``sextant data list`` by ``threads=`` threads.
+Every further pair is shown with its ratio to the first, and with Kendall's tau between the rankings of descriptors.
+``json=`` writes all that is shown, and the settings, to a file.
 """
 
+import json
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,36 +22,124 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import kendalltau
 
+from benchmarks.nordland_town import PLACES, SETTINGS, town_traverses
+from sextant.cli.arguments import parse_arguments
+from sextant.cli.compose import default_outputs
 from sextant.errors import UserError
 from sextant.evaluation.place_statistics import PlaceStatistics, place_statistics
 
-USAGE = "python -m benchmarks.place_statistics reference=<images> query=<images> [reference2=<images> query2=<images>]"
+USAGE = """python -m benchmarks.place_statistics reference=<images> query=<images> [reference2=<images> query2=<images>]
+python -m benchmarks.place_statistics [reference=<images> query=<images>] town=true [seeds=0,1,2] [json=<file>]"""
+KEYS = {
+    "reference": "images of the first pair",
+    "query": "images of the same places",
+    "reference2": "images of the second pair",
+    "query2": "images of the same places",
+    "town": "true: render drives through a town as further pairs",
+    "seeds": "of the towns, 0 if not given",
+    "places": f"of a drive if there are no images, {PLACES} if not given",
+    "threads": "that render, 2 if not given",
+    "json": "file for what is shown",
+}
 PAIRS = (("reference", "query"), ("reference2", "query2"))
 SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
+@dataclass(frozen=True)
+class Job:
+    """What the command line asks for.
+
+    Attributes:
+        pairs: reference and query images.
+        seeds: of the towns to render.
+        places: of a drive; None for as many as the first pair has.
+        threads: that render.
+        json: file for what is shown.
+    """
+
+    pairs: tuple[tuple[Path, Path], ...]
+    seeds: tuple[int, ...] = ()
+    places: int | None = None
+    threads: int = 2
+    json: Path | None = None
+
+
 def main(arguments: list[str]) -> None:
+    console = Console(width=150)
     try:
-        paths = parse(arguments)
-        pairs = [pair for pair in PAIRS if pair[0] in paths]
-        measured = [measure(paths[reference], paths[query]) for reference, query in pairs]
+        job = parse(arguments)
+        measured = {name: measure(*pair) for name, pair in zip(("images", "images 2"), job.pairs, strict=False)}
+        places = job.places or (next(iter(measured.values())).frames if measured else PLACES)
+        for seed in job.seeds:
+            with console.status(f"town {seed}: {2 * places:,} pictures"):
+                measured[f"town {seed}"] = measure_town(seed, places, job.threads)
+        if job.json:
+            write_json(job, measured)
     except UserError as error:
         raise SystemExit(str(error)) from None
-    console = Console(width=130)
-    for reference, query in pairs:
-        console.print(f"query {paths[query]} -> reference {paths[reference]}", soft_wrap=True)
+    for name, (reference, query) in zip(measured, job.pairs, strict=False):
+        console.print(f"{name}: query {query} -> reference {reference}", soft_wrap=True)
     console.print(side_by_side(measured))
-    if len(measured) == 2:
-        console.print(f"Kendall's tau between the rankings of descriptors by recall: {ranking_tau(*measured):.2f}")
+    names = list(measured)
+    for name in names[1:]:
+        tau = ranking_tau(measured[names[0]], measured[name])
+        console.print(f"Kendall's tau between the rankings of descriptors by recall, {names[0]} and {name}: {tau:.2f}")
 
 
-def parse(arguments: list[str]) -> dict[str, Path]:
-    """The paths by name; each pair whole, and the first one there."""
-    given = {name: path for name, _, path in (argument.partition("=") for argument in arguments)}
-    legal = [{name for pair in PAIRS[:count] for name in pair} for count in (1, 2)]
-    if set(given) not in legal or len(given) != len(arguments) or not all(given.values()):
+def parse(arguments: Sequence[str]) -> Job:
+    """What to measure; each pair whole, and the first one there unless a town is."""
+    given = parse_arguments(arguments, KEYS, USAGE)
+    town = _truth(given.pop("town", "false"))
+    seeds = tuple(_whole("seeds", text, 0) for text in given.pop("seeds", "0").split(",")) if town else ()
+    places = _whole("places", given.pop("places"), 1) if town and "places" in given else None
+    threads = _whole("threads", given.pop("threads", "2"), 1)
+    file = given.pop("json", "")
+    legal = [{name for pair in PAIRS[:count] for name in pair} for count in range(0 if town else 1, 3)]
+    if set(given) not in legal or not all(given.values()) or len(set(seeds)) < len(seeds):
         raise UserError(f"cannot understand the arguments: {' '.join(arguments) or 'none given'}", USAGE)
-    return {name: Path(path).expanduser() for name, path in given.items()}
+    if places and given:
+        raise UserError("places= goes with no images: a drive has as many places as they show", USAGE)
+    paths = {name: Path(path).expanduser() for name, path in given.items()}
+    pairs = tuple((paths[reference], paths[query]) for reference, query in PAIRS if reference in paths)
+    return Job(pairs, seeds, places, threads, Path(file).expanduser() if file else None)
+
+
+def _truth(text: str) -> bool:
+    if text not in ("true", "false"):
+        raise UserError(f"town={text}: must be true or false", USAGE)
+    return text == "true"
+
+
+def _whole(name: str, text: str, least: int) -> int:
+    if not text.isdecimal() or int(text) < least:
+        raise UserError(f"{name}: {text!r} is no whole number from {least}", USAGE)
+    return int(text)
+
+
+def measure_town(seed: int, places: int, threads: int) -> PlaceStatistics:
+    try:
+        return place_statistics(*town_traverses(seed, default_outputs() / "data", places=places, threads=threads))
+    except ValueError as error:
+        raise UserError(f"town {seed}: {error}") from error
+
+
+def write_json(job: Job, measured: dict[str, PlaceStatistics]) -> None:
+    assert job.json is not None
+    first = next(iter(measured.values()))
+    pairs = [
+        {
+            "name": name,
+            "statistics": {key: _finite(value) for key, value in found.rows().items()},
+            "kendall_tau_to_first": _finite(ranking_tau(first, found)),
+        }
+        for name, found in measured.items()
+    ]
+    settings = {"town": SETTINGS, "seeds": job.seeds} if job.seeds else {}
+    try:
+        job.json.parent.mkdir(parents=True, exist_ok=True)
+        job.json.write_text(json.dumps({"pairs": pairs, **settings}, indent=2) + "\n")
+    except OSError as error:
+        raise UserError(f"{job.json} cannot be written: {error}") from error
 
 
 def measure(reference: Path, query: Path) -> PlaceStatistics:
@@ -73,13 +168,19 @@ def read_images(path: Path) -> np.ndarray:
     return images
 
 
-def side_by_side(measured: list[PlaceStatistics]) -> Table:
-    columns = [statistics.rows() for statistics in measured]
-    table = Table("statistic", *("first", "second", "second / first")[: 1 if len(columns) == 1 else 3])
-    for name, first in columns[0].items():
-        values = [column[name] for column in columns]
-        ratio = [f"{values[1] / first:.2f}" if first else "-"] if len(values) == 2 else []
-        table.add_row(name, *(f"{value:.4g}" for value in values), *ratio)
+def _finite(value: float) -> float | None:
+    """JSON has no nan."""
+    return value if np.isfinite(value) else None
+
+
+def side_by_side(measured: dict[str, PlaceStatistics]) -> Table:
+    """A column for each pair, and one for its ratio to the first."""
+    first, *others = [statistics.rows() for statistics in measured.values()]
+    names = list(measured)
+    table = Table("statistic", names[0], *(title for name in names[1:] for title in (name, "ratio")))
+    for name, value in first.items():
+        cells = [(f"{other[name]:.4g}", f"{other[name] / value:.2f}" if value else "-") for other in others]
+        table.add_row(name, f"{value:.4g}", *(text for pair in cells for text in pair))
     return table
 
 

@@ -11,9 +11,8 @@ def test_cells_hold_the_nearest_lamps_within_reach(n, seed):
     lamps = Lamps.at(position)
     left, bottom, side = lamps.origin
     shape = lamps.cells.shape[:2]
-    assert (position[:, 0].max() + REACH_M <= left + side * shape[0]) and (
-        position[:, 1].min() - REACH_M >= bottom - 1e-9
-    )
+    assert position[:, 0].max() + REACH_M <= left + side * shape[0] + 1e-9
+    assert position[:, 1].min() - REACH_M >= bottom - 1e-9
     for i, j in np.random.default_rng(seed).integers(0, shape, (20, 2)):
         centre = np.array([left, bottom]) + side * (np.array([i, j]) + 0.5)
         distance = np.linalg.norm(position[:, :2] - centre, axis=1)

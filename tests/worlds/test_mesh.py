@@ -15,7 +15,7 @@ metres = st.floats(0.1, 30.0)
 
 
 def volume(triangles):
-    """Signed volume, positive where the normals point outwards; what lies in a plane through the origin adds nothing."""
+    """Signed volume, positive if turned outwards; a plane through the origin adds nothing."""
     a, b, c = np.moveaxis(np.asarray(triangles, float), -2, 0)
     return float(np.einsum("ti,ti->", a, np.cross(b, c)) / 6)
 

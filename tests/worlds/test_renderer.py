@@ -122,7 +122,7 @@ def test_a_pose_inside_a_wall_or_without_numbers_is_refused():
     with pytest.raises(UserError, match=r"camera pose 0 .* lies inside a wall"):
         drawer.view(RAYS, bad, OVERCAST)
     bad[0, 3] = np.nan
-    with pytest.raises(UserError, match="camera pose 1 .* is not finite"):
+    with pytest.raises(UserError, match=r"camera pose 1 .* is not finite"):
         drawer.pictures(RAYS, np.stack([good, bad]), OVERCAST)
 
 

@@ -4,10 +4,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import torch
 from jaxtyping import Float, Float32, Float64, Int32, Int64, UInt8
 from numpy import ndarray
 
 from sextant.errors import UserError
+from sextant.geometry import Camera
 from sextant.worlds.appearance import Appearance
 from sextant.worlds.lamps import Lamps
 from sextant.worlds.scene import MISS, Scene
@@ -43,6 +45,18 @@ class Rays:
         middle = bearings[height // 2, :, 0]
         pixel = float(np.median(np.linalg.norm(np.diff(middle, axis=0), axis=-1))) if width > 1 else 1.0
         return cls(np.ascontiguousarray(bearings.reshape(-1, 3), np.float64), width, height, samples, pixel)
+
+    @classmethod
+    def of_camera(cls, camera: Camera, samples: int) -> "Rays":
+        """The exact rays of any camera, ``samples`` a pixel on a regular grid.
+
+        Raises:
+            UserError: ``samples`` is not a square number from 1 to 64.
+        """
+        side = round(samples**0.5)
+        if side * side != samples or not 1 <= samples <= 64:
+            raise UserError(f"samples={samples}: rays a pixel must be a square number", "Choose 1, 4, 9 or 16.")
+        return cls.of(camera.bearings(camera.ray_grid(side, dtype=torch.float64)).numpy())
 
 
 @dataclass(frozen=True)

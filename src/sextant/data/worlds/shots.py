@@ -228,15 +228,8 @@ class _Held:
 
 
 def camera_rays(camera: Camera, samples: int) -> Rays:
-    """The rays of a camera, ``samples`` a pixel on a regular grid.
-
-    Raises:
-        UserError: ``samples`` is not a square number from 1 to 64.
-    """
-    side = round(samples**0.5)
-    if side * side != samples or not 1 <= samples <= 64:
-        raise UserError(f"dataset.samples is {samples}; rays a pixel must be a square number", "Choose 1, 4, 9 or 16.")
-    return Rays.of(camera.bearings(camera.ray_grid(side, dtype=torch.float64)).numpy())
+    """See :meth:`Rays.of_camera`."""
+    return Rays.of_camera(camera, samples)
 
 
 def camera_poses(pose: Float64[ndarray, "n 6"]) -> Float64[ndarray, "n 4 4"]:
