@@ -99,6 +99,14 @@ class BySplit(Node):
     test: Count = Field(examples=[100])
 
 
+class FileBySplit(Node):
+    """A file for each split, or none."""
+
+    train: str | None = Field(examples=["kitti/poses/00.txt"])
+    val: str | None = Field(examples=["kitti/poses/06.txt"])
+    test: str | None = Field(examples=["kitti/poses/05.txt"])
+
+
 ImageSide = Annotated[int, Field(ge=16, le=4096)]
 Samples = Literal[1, 4, 9, 16]
 BlockSide = Annotated[float, Field(ge=60, le=400)]
@@ -143,6 +151,7 @@ class TownSeasons(Part):
     samples: Samples = Field(examples=[4])
     conditions: Conditions
     block_m: BlockSide = Field(examples=[90.0])
+    trajectories: FileBySplit
     seed: Seed = Field(examples=[0])
 
 

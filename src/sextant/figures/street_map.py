@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping
 
-import numpy as np
 from jaxtyping import Float
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
@@ -32,7 +31,7 @@ def street_map(
     axes.set_facecolor("#d9d7d2")
     axes.add_collection(PolyCollection(list(lots), facecolor="#e9ecdf", edgecolor="#c4c2bb", linewidth=0.4))
     axes.add_collection(PolyCollection(list(houses), facecolor="#b59f8d", edgecolor="#8d7968", linewidth=0.3))
-    axes.scatter(*np.asarray(trees).T, s=2.5, color="#7fa36b", linewidths=0)
+    axes.scatter(trees[:, 0], trees[:, 1], s=2.5, color="#7fa36b", linewidths=0)
     for colour, (name, positions) in zip(COLOURS, routes.items(), strict=False):
         axes.add_collection(LineCollection([positions], color=colour, linewidth=1.8, label=name))
         axes.plot(*positions[0], "o", color=colour, markersize=6)

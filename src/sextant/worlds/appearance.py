@@ -103,7 +103,8 @@ RANGES: dict[str, tuple[float, float]] = {
 CONDITIONS: dict[str, Appearance] = {
     "summer_noon": Appearance(),
     "summer_evening": Appearance(
-        sun_elevation_deg=11, sun_azimuth_deg=345, cloud_cover=0.25, temperature_k=5600, lit_windows=0.12, exposure_ev=0.3
+        sun_elevation_deg=11, sun_azimuth_deg=345, cloud_cover=0.25, temperature_k=5600, lit_windows=0.12,
+        exposure_ev=0.3,
     ),
     "spring_overcast": Appearance(cloud_cover=1.0, foliage_density=0.65, sun_elevation_deg=35, exposure_ev=0.2),
     "autumn_morning": Appearance(
@@ -125,7 +126,8 @@ CONDITIONS: dict[str, Appearance] = {
     "fog": Appearance(cloud_cover=0.9, fog_per_m=0.035, sun_elevation_deg=25, foliage_density=0.85, foliage_autumn=0.2),
     "night_clear": Appearance(sun_elevation_deg=-30, night=1.0, lit_windows=0.35, cloud_cover=0.2, exposure_ev=1.3),
     "night_rain": Appearance(
-        sun_elevation_deg=-30, night=1.0, lit_windows=0.3, cloud_cover=1.0, wetness=1.0, fog_per_m=0.004, exposure_ev=1.3
+        sun_elevation_deg=-30, night=1.0, lit_windows=0.3, cloud_cover=1.0, wetness=1.0, fog_per_m=0.004,
+        exposure_ev=1.3,
     ),
 }  # fmt: skip
 

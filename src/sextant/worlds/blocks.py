@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -16,7 +17,10 @@ from sextant.worlds.mesh import Mesh, instances, quads
 from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.surfaces import Kind, palette, surface_rows
 
-PAVEMENT_M, KERB_M, COUNTRY_M = 3.4, 0.12, 900.0
+#: width of pavements, height of kerbs
+PAVEMENT_M, KERB_M = 3.4, 0.12
+#: how far beyond the streets the last block reaches, and the fields around it
+COUNTRY_M, FAR_M = 900.0, 6000.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Side:
     @property
     def along(self) -> Float64[ndarray, "2"]:
         """Unit vector from start to end."""
-        return (self.end - self.start) / self.length
+        return np.asarray((self.end - self.start) / self.length)
 
     @property
     def heading(self) -> float:
@@ -50,7 +54,7 @@ class Side:
     def at(self, s: float, left: float) -> Float64[ndarray, "2"]:
         """The point ``s`` metres along and ``left`` metres into the lot."""
         x, y = self.along
-        return self.start + s * self.along + left * np.array([-y, x])
+        return np.asarray(self.start + s * self.along + left * np.array([-y, x]))
 
 
 class Ground:
@@ -87,7 +91,7 @@ class Ground:
             rings = list(whole.interiors) if country else [whole.exterior, *whole.interiors]
             for ring in rings:
                 corners = np.asarray(ring.coords)
-                for start, end in zip(corners[:-1], corners[1:], strict=True):
+                for start, end in pairwise(corners):
                     side = Side(start, end, block)
                     if side.length >= shortest_m:
                         yield side
@@ -95,15 +99,12 @@ class Ground:
     def mesh(self, green: list[bool]) -> Mesh:
         """Ground triangles; ``green[i]`` gives the lot of block ``i`` a lawn, otherwise it is paved."""
         left, bottom, right, top = self.graph.bounds
-        far = 6000.0
-        corners = np.array(
-            [
-                [left - far, bottom - far, 0],
-                [right + far, bottom - far, 0],
-                [right + far, top + far, 0],
-                [left - far, top + far, 0],
-            ]
-        )
+        corners = np.array([
+            [left - FAR_M, bottom - FAR_M, 0],
+            [right + FAR_M, bottom - FAR_M, 0],
+            [right + FAR_M, top + FAR_M, 0],
+            [left - FAR_M, top + FAR_M, 0],
+        ])  # fmt: skip
         base = surface_rows(Kind.ROAD, 1, parameters=(1e4, 1e4, 0.0))
         parts = [instances(quads(corners[None]).reshape(1, 2, 3, 3), base), self._streets()]
         for i, (block, lot) in enumerate(zip(self.blocks, self.lots, strict=True)):
@@ -114,7 +115,7 @@ class Ground:
             parts.append(_flat(block.difference(lot), KERB_M, paving))
             parts.append(_flat(lot, KERB_M, surface_rows(kind, 1, seed=(i * 0.61) % 1, heading=heading)))
             parts.append(_kerb(block))
-        parts.append(_far_country(self.graph.bounds, far))
+        parts.append(_far_country(self.graph.bounds))
         return Mesh.join(parts)
 
     def _streets(self) -> Mesh:
@@ -134,10 +135,11 @@ class Ground:
         z = 0.004 + 0.002 * self._levels()[:, None]
         corners = np.stack([np.hstack([p, z]) for p in (start - normal, end - normal, end + normal, start + normal)], 1)
         crossing = (degree > 2).astype(float) * (np.random.default_rng([3, len(start)]).random(degree.shape) < 0.6)
+        markings = np.where(graph.widths > 9, 2.0, 1.0)
         rows = surface_rows(
             Kind.ROAD, len(start), seed=np.random.default_rng([4, len(start)]).random(len(start)),
             origin=np.hstack([start, 0 * z]), heading=np.arctan2(along[:, 1], along[:, 0]),
-            parameters=(np.linalg.norm(end - start, axis=1), graph.widths / 2, np.where(graph.widths > 9, 2.0, 1.0), crossing[:, 0], crossing[:, 1]),
+            parameters=(np.linalg.norm(end - start, axis=1), graph.widths / 2, markings, *crossing.T),
         )  # fmt: skip
         return instances(quads(corners)[fits], rows[fits])
 
@@ -174,18 +176,15 @@ def _kerb(block: Polygon) -> Mesh:
     whole = shapely.geometry.polygon.orient(block)
     for ring in (whole.exterior, *whole.interiors):
         corners = np.asarray(ring.coords)
-        low, high = (
-            np.column_stack([corners, np.zeros(len(corners))]),
-            np.column_stack([corners, np.full(len(corners), KERB_M)]),
-        )
+        low, high = (np.column_stack([corners, np.full(len(corners), z)]) for z in (0.0, KERB_M))
         faces.append(quads(np.stack([low[:-1], low[1:], high[1:], high[:-1]], 1)).reshape(-1, 3, 3))
     stone = surface_rows(Kind.KERB, 1, colour=palette("#b4b0a8"))
     return instances(np.concatenate(faces)[None], stone)
 
 
-def _far_country(bounds: tuple[float, float, float, float], far: float) -> Mesh:
+def _far_country(bounds: tuple[float, float, float, float]) -> Mesh:
     """Fields from where the blocks end to the horizon."""
     left, bottom, right, top = bounds
     hole = shapely.box(left - COUNTRY_M, bottom - COUNTRY_M, right + COUNTRY_M, top + COUNTRY_M)
-    rim = shapely.box(left - far, bottom - far, right + far, top + far).difference(hole)
+    rim = shapely.box(left - FAR_M, bottom - FAR_M, right + FAR_M, top + FAR_M).difference(hole)
     return _flat(rim, KERB_M, surface_rows(Kind.FIELD, 1))

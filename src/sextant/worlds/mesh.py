@@ -68,7 +68,7 @@ def place(
     """One template ``(t, 3, 3)`` for all objects, or one an object, turned by ``heading`` about z and moved."""
     c, s = np.cos(heading)[:, None, None], np.sin(heading)[:, None, None]
     x, y, z = np.moveaxis(np.broadcast_to(triangles, (len(position), *triangles.shape[-3:])), -1, 0)
-    return np.stack([c * x - s * y, s * x + c * y, z], -1) + position[:, None, None]
+    return np.asarray(np.stack([c * x - s * y, s * x + c * y, z], -1) + position[:, None, None])
 
 
 def quads(corners: Float[ndarray, "... 4 3"]) -> Float[ndarray, "... 2 3 3"]:
@@ -123,8 +123,8 @@ def limb(
     axis = np.asarray(end, float) - np.asarray(start, float)
     length = float(np.linalg.norm(axis))
     axis = axis / length
-    helper = np.array([1.0, 0, 0]) if abs(axis[2]) > 0.9 else np.array([0, 0, 1.0])
-    side = np.cross(helper, axis)
+    upright = abs(axis[2]) > 0.9
+    side = np.cross(np.array([1.0, 0, 0]) if upright else np.array([0, 0, 1.0]), axis)
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(axis, side), axis], -1)  # columns
-    return prism(r0, r1, length, sides) @ frame.T + np.asarray(start, float)
+    return np.asarray(prism(r0, r1, length, sides) @ frame.T + np.asarray(start, float))

@@ -11,7 +11,7 @@ from sextant.worlds.appearance import Appearance
 from sextant.worlds.mesh import Mesh
 from sextant.worlds.office_furniture import clutter, sheet
 from sextant.worlds.office_lights import RoomLights, room_fills, room_lights
-from sextant.worlds.office_parts import Frame, Parts, Point, turned
+from sextant.worlds.office_parts import Parts, Point, turned
 from sextant.worlds.office_plan import Box, FloorPlan, RoomKind
 from sextant.worlds.office_rooms import Furnisher, Furnishing, Thing, keep_clear, shifted
 from sextant.worlds.office_shell import leaf_frame, shell
@@ -92,9 +92,8 @@ class Office:
         leaves = self._leaves()
         for i in chosen:
             others = [t.box for k, t in enumerate(found) if k != i and t.room == found[i].room and t.box is not None]
-            found[i] = shifted(
-                found[i], others + leaves, self.plan, tracks, np.random.default_rng([self.seed, 52, a.change_seed, i])
-            )
+            own = np.random.default_rng([self.seed, 52, a.change_seed, i])
+            found[i] = shifted(found[i], others + leaves, self.plan, tracks, own)
         return found
 
     def _leaves(self) -> list[Box]:
@@ -136,22 +135,17 @@ class Office:
         rng = np.random.default_rng([self.seed, 54, a.change_seed])
         moved = rng.random(len(self.furnishing.desktops)) < a.cars_moved
         for desktop, again in zip(self.furnishing.desktops, moved, strict=True):
-            clutter(
-                parts,
-                desktop.frame,
-                0.74,
-                np.random.default_rng([desktop.seed, a.change_seed + 1] if again else desktop.seed),
-            )
+            seed = [desktop.seed, a.change_seed + 1] if again else desktop.seed
+            clutter(parts, desktop.frame, 0.74, np.random.default_rng(seed))
         changed = rng.random(len(self.furnishing.sheets)) < a.facades_changed
         for hung, again in zip(self.furnishing.sheets, changed, strict=True):
             kind, print_seed = rng.random(2) if again else hung.seeds
             if again and (kind > 0.7) != (hung.seeds[0] > 0.7):
                 kind = (kind + 0.5) % 1  # a pinboard mostly stays one, with other notes
             sheet(parts, hung.frame, hung.size, hung.z, float(kind), float(print_seed))
-        for x, y, heading, seed, number in self._people(
-            a, [t.box for t in things if t.box is not None] + self._leaves()
-        ):
-            body = person_mesh(np.array([[x, y, 0.0]]), np.array([heading]), np.array([seed]))
+        there = [thing.box for thing in things if thing.box is not None] + self._leaves()
+        for x, y, heading, own, number in self._people(a, there):
+            body = person_mesh(np.array([[x, y, 0.0]]), np.array([heading]), np.array([own]))
             parts.add(body, self.fills[int(number)])
         return turned(Mesh.join([self._shell, parts.mesh()]), self.plan.heading, self.plan.origin)
 
@@ -166,6 +160,3 @@ class Office:
     def renderer(self, appearance: Appearance) -> Renderer:
         """A renderer of the office as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
         return Renderer(Scene(self.mesh(appearance)), self.lights(appearance), indoor=True)
-
-
-__all__ = ["Frame", "Office"]

@@ -402,10 +402,9 @@ class Furnisher:
             self.found.things.append(Thing(frame, partial(things.name_plate, seed=seed), None, 0.0, number))
         long = max(room.width, room.depth)
         sides = [side for side in Side if room.length(side) > 3]
-        for k in range(max(1, round(long / 14))):
-            self._mount(
-                number, sides[int(rng.integers(len(sides)))] if sides else Side.SOUTH, things.extinguisher, first=k
-            )
+        for _ in range(max(1, round(long / 14))):
+            side = sides[int(rng.integers(len(sides)))] if sides else Side.SOUTH
+            self._mount(number, side, things.extinguisher)
         for _ in range(round(long / 4.0)):
             if sides:
                 self._hang(number, side=sides[int(rng.integers(len(sides)))])
@@ -439,7 +438,7 @@ class Furnisher:
                         shade=0.4,
                     )
 
-    def _mount(self, number: int, side: Side, draw: Draw, first: int) -> None:
+    def _mount(self, number: int, side: Side, draw: Draw) -> None:
         """Hangs a thing on a bare stretch of wall, away from the tracks."""
         room = self.plan.rooms[number]
         for _ in range(20):

@@ -20,6 +20,8 @@ from sextant.worlds.shading.look import WET, pack, white_balance
 CHUNK = 1 << 17
 #: times that a ray may slip between leaves
 GAPS = 3
+#: gain that shows a white wall in the noon sun just below white
+EXPOSURE = 0.62
 
 
 @dataclass(frozen=True)
@@ -97,8 +99,8 @@ class Renderer:
         scene: triangles and their surfaces.
         lamps: lights of the night.
         indoor: a world without sun, lit by its ceilings.
-        soft: asks by one more ray a sample how much sky each point sees: soft shade under cars and eaves, and grain unless
-            there are many samples a pixel. For pictures that people look at.
+        soft: asks by one more ray a sample how much sky each point sees: soft shade under cars and eaves, and grain
+            unless there are many samples a pixel. For pictures that people look at.
     """
 
     def __init__(self, scene: Scene, lamps: Lamps | None = None, *, indoor: bool = False, soft: bool = False):
@@ -118,7 +120,8 @@ class Renderer:
     ) -> UInt8[ndarray, "h w 3"]:
         """One developed picture; see :meth:`pictures`."""
         motions = np.array([[*motion.velocity, motion.turn_rate]])
-        return self.pictures(rays, world_from_camera[None], appearance, motions=motions, seeds=np.array([seed]))[0]
+        pictures = self.pictures(rays, world_from_camera[None], appearance, motions=motions, seeds=np.array([seed]))
+        return np.asarray(pictures[0])
 
     def pictures(
         self,
@@ -183,7 +186,7 @@ class Renderer:
         n, per_view, samples = len(world_from_camera), len(rays.bearings), rays.samples
         poses = np.ascontiguousarray(world_from_camera[:, :3], np.float64)
         shift = np.zeros((n, 4)) if motions is None else motions * appearance.exposure_time_s
-        look = self._look(appearance)
+        look = pack(appearance, indoor=self.indoor)
         radiance = np.empty((n, per_view // samples, 3), np.float32)
         triangle = np.empty((n, per_view // samples), np.int32)
         step = per_view if per_view <= CHUNK else CHUNK // samples * samples
@@ -205,9 +208,6 @@ class Renderer:
             radiance[:, part] = mean.reshape(n, -1, 3)
             triangle[:, part] = met[::samples].reshape(n, -1)
         return radiance, triangle
-
-    def _look(self, appearance: Appearance) -> Float64[ndarray, "l"]:
-        return pack(appearance, indoor=self.indoor)
 
     def _meet(
         self, origins: Float32[ndarray, "r 3"], directions: Float32[ndarray, "r 3"], pixel: float
@@ -243,6 +243,7 @@ class Renderer:
         number: Int64[ndarray, "r"],
         samples: int,
     ) -> tuple[Float32[ndarray, "r 3"], Float32[ndarray, "r"]]:
+        """Radiance along each ray, and the share that wet ground mirrors; asks which points see the sun and the sky."""
         scene, n = self.scene, len(origins)
         sunny = np.zeros(n, np.uint8)
         at, starts = np.empty(n, np.int64), np.empty((n, 3), np.float32)
@@ -257,19 +258,9 @@ class Renderer:
         if self.soft:
             ways = np.empty((n, 3), np.float32)
             count = kernels.sky_rays(
-                origins,
-                directions,
-                triangle,
-                distance,
-                scene.normals,
-                scene.surface,
-                scene.surfaces,
-                number,
-                samples,
-                at,
-                starts,
-                ways,
-            )
+                origins, directions, triangle, distance, scene.normals, scene.surface, scene.surfaces,
+                number, samples, at, starts, ways,
+            )  # fmt: skip
             open_sky[at[:count]] = scene.blocked(starts[:count], ways[:count]) == MISS
         radiance, mirror = np.empty((n, 3), np.float32), np.empty(n, np.float32)
         lamps = self.lamps
@@ -323,7 +314,3 @@ def gamma_curve(gamma: float) -> UInt8[ndarray, "65536"]:
     """Display values of the 65,536 levels of a linear picture in [0, 1]: ``255 v^(1 / gamma)``, rounded."""
     levels = np.arange(65536) / 65535
     return np.round(255 * levels ** (1 / gamma)).astype(np.uint8)
-
-
-#: gain that shows a white wall in the noon sun just below white
-EXPOSURE = 0.62

@@ -107,7 +107,10 @@ def drive(
 def walk(
     graph: StreetGraph, nodes: Sequence[int], *, seed: int, frame_rate_hz: float = 5.0, gait: Gait = WALKER
 ) -> Route:
-    """A walk through ``nodes`` on the right-hand pavement, 2.1 m from the carriageway (1.2 m from parked cars); otherwise as `drive`."""
+    """A walk through ``nodes`` on the right-hand pavement, otherwise as `drive`.
+
+    It leads 2.1 m beside the carriageway, which is 1.2 m from parked cars.
+    """
     return _traverse(lane_path(graph, nodes, share=0.5, beyond_m=2.1, radius_m=1.5), seed, frame_rate_hz, gait)
 
 

@@ -25,8 +25,8 @@ class Scene:
 
     Args:
         mesh: the triangles.
-        watertight: no ray slips between two triangles that share an edge; a third slower. Without it some four rays in a
-            million do, at the edges of distant triangles.
+        watertight: no ray slips between two triangles that share an edge; a third slower. Without it some four rays in
+            a million do, at the edges of distant triangles.
 
     Attributes:
         normals: unit outward normals of the triangles.

@@ -1,8 +1,8 @@
 """What a triangle is made of: rows of a table that the shading kernels read.
 
-A mesh stores one row number a triangle. A row names the kind of surface, its two colours (linear RGB), the frame that its
-texture lives in (an origin, and the heading of the horizontal texture axis), and up to eleven numbers that only this
-kind understands. Textures are functions of position in that frame: nothing is stored as an image.
+A mesh stores one row number a triangle. A row names the kind of surface, its two colours (linear RGB), the frame that
+its texture lives in (an origin, and the heading of the horizontal texture axis), and up to eleven numbers that only
+this kind understands. Textures are functions of position in that frame: nothing is stored as an image.
 """
 
 from enum import IntEnum

@@ -1,6 +1,5 @@
 """A procedural town: what stands where, from a street graph and a seed, and its triangles under an appearance."""
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -8,55 +7,28 @@ import shapely
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy.spatial import cKDTree
-from shapely import Polygon
 
 from sextant.errors import UserError
-from sextant.worlds import buildings as houses
 from sextant.worlds import street_objects as objects
 from sextant.worlds.appearance import Appearance
-from sextant.worlds.blocks import KERB_M, PAVEMENT_M, Ground, Side
-from sextant.worlds.buildings import Buildings, building_mesh, footprints
+from sextant.worlds.blocks import KERB_M, PAVEMENT_M, Ground
+from sextant.worlds.buildings import Buildings, building_mesh, design, footprints
 from sextant.worlds.lamps import Lamps
 from sextant.worlds.mesh import Mesh, boxes
+from sextant.worlds.placement import Objects, clear_of_cameras
+from sextant.worlds.planting import country_trees, garden_trees, street_trees
+from sextant.worlds.plots import plots_along
 from sextant.worlds.renderer import Renderer
 from sextant.worlds.scene import Scene
 from sextant.worlds.shading.noise import value_noise
 from sextant.worlds.street_graph import StreetGraph
-from sextant.worlds.surfaces import Kind, palette, surface_rows
+from sextant.worlds.surfaces import KIND, Kind, palette, surface_rows
 from sextant.worlds.trees import Trees, tree_mesh
 
-LEAVES = {"fine": 1300, "coarse": 70}
-
-
-@dataclass(frozen=True)
-class Objects:
-    """Things that stand about, one row each: x, y, z, heading, seed in [0, 1)."""
-
-    rows: Float64[ndarray, "n 5"]
-
-    @classmethod
-    def of(cls, rows: list[tuple[float, float, float, float, float]]) -> "Objects":
-        """From a list of tuples."""
-        return cls(np.array(rows, float).reshape(-1, 5))
-
-    @property
-    def position(self) -> Float64[ndarray, "n 3"]:
-        """Metres."""
-        return self.rows[:, :3]
-
-    @property
-    def heading(self) -> Float64[ndarray, "n"]:
-        """Radians."""
-        return self.rows[:, 3]
-
-    @property
-    def seed(self) -> Float64[ndarray, "n"]:
-        """In [0, 1)."""
-        return self.rows[:, 4]
-
-    def where(self, chosen: Bool[ndarray, "n"]) -> "Objects":
-        """Some of them."""
-        return Objects(self.rows[chosen])
+#: leaves a tree, and most trees in the country
+LEAVES, COUNTRY_TREES = {"fine": 1300, "coarse": 70}, {"fine": 5000, "coarse": 9000}
+#: of gardens
+HEDGE_GREEN, FENCE_COLOURS = palette("#4d6b2f"), palette("#b9ab8f", "#6b4a32", "#d8d4c8")
 
 
 class Town:
@@ -94,15 +66,13 @@ class Town:
         """How built-up each block is, 0 to 1: smooth noise, higher towards the middle; -1 marks a park."""
         rng = np.random.default_rng([self.seed, 1])
         left, bottom, right, top = self.graph.bounds
-        centre, radius = (
-            np.array([(left + right) / 2, (bottom + top) / 2]),
-            0.5 * max(right - left, top - bottom, 200.0),
-        )
+        middle_x, middle_y = (left + right) / 2, (bottom + top) / 2
+        radius = 0.5 * max(right - left, top - bottom, 200.0)
         values = []
         for block in self.ground.blocks[:-1]:
             x, y = block.centroid.x, block.centroid.y
             noise = value_noise(x / 260.0, y / 260.0, 1000 + self.seed)
-            distance = float(np.hypot(x - centre[0], y - centre[1])) / radius
+            distance = float(np.hypot(x - middle_x, y - middle_y)) / radius
             values.append(np.clip(self.density + 0.75 * (noise - 0.5) - 0.35 * max(distance - 0.35, 0), 0.02, 1))
         town = np.array(values)
         park = (rng.random(len(town)) < 0.07) & np.array([1500 < b.area < 40000 for b in self.ground.blocks[:-1]], bool)
@@ -116,47 +86,14 @@ class Town:
             lot
             for block, density in enumerate(self.districts)
             if density >= 0
-            for lot in self._along_lots(block, density, rng)
+            for lot in plots_along(self.ground, block, float(density), rng)
         ]
         if not found:
             raise UserError("no building fits between the streets", "Use larger blocks, say block_m=80.")
         table = np.array(found)
         position = np.column_stack([table[:, :2], np.full(len(table), KERB_M)])
         attached = table[:, 7:9] > 0
-        return houses.design(position, table[:, 2], table[:, 3:5], table[:, 5], attached, table[:, 6] > 0, rng)
-
-    def _along_lots(self, block: int, density: float, rng: np.random.Generator) -> list[list[float]]:
-        """Footprints (x, y, heading, width, depth, density, terraced, joined left, joined right) along each side."""
-        lot = self.ground.lots[block]
-        if lot.is_empty:
-            return []
-        shapely.prepare(lot)
-        rows: list[list[float]] = []
-        taken: list[Polygon] = []
-        for side in self.ground.sides(block):
-            local = float(np.clip(density + 0.12 * rng.normal(), 0.02, 1))
-            terrace = local > 0.5
-            setback = rng.uniform(0.0, 0.4) if terrace else rng.uniform(2.5, 6.0)
-            s, end = (0.3 if terrace else 2.0), -np.inf
-            while s < side.length - 5:
-                width = rng.uniform(7.5, 15) if terrace else rng.uniform(8, 13)
-                if terrace and side.length - s - width < 6:
-                    width = min(side.length - s - 0.3, 20.0)
-                back = setback + (0.0 if terrace else rng.uniform(-0.6, 0.6))
-                outline = _fitting(lot, taken, side, s, width, back, (rng.uniform(10, 14), 8.5, 6.5))
-                if outline is None:
-                    s += 2.5
-                    continue
-                depth = outline.area / width
-                joined = terrace and s - end < 0.1
-                if joined:
-                    rows[-1][8] = 1.0
-                taken.append(shapely.buffer(outline, -0.05 if terrace else 1.2, join_style="mitre"))
-                x, y = side.at(s + width / 2, back + depth / 2)
-                rows.append([x, y, side.heading, width, depth, local, float(terrace), float(joined), 0.0])
-                end = s + width
-                s = end + (0.02 if terrace and rng.random() > 0.06 else rng.uniform(2.5, 7.0))
-        return rows
+        return design(position, table[:, 2], table[:, 3:5], table[:, 5], attached, table[:, 6] > 0, rng)
 
     @cached_property
     def _footprints(self) -> shapely.STRtree:
@@ -176,7 +113,7 @@ class Town:
         points: Float64[ndarray, "n 2"],
         metres: float,
         heading: Float64[ndarray, "n"] | None = None,
-        reach: object = 0.0,
+        reach: Float64[ndarray, "n"] | float = 0.0,
     ) -> Bool[ndarray, "n"]:
         """Which things keep a distance from every camera; those that are long reach to both sides along ``heading``."""
         apart = np.ones(len(points), bool)
@@ -184,9 +121,7 @@ class Town:
             return apart
         if heading is None:
             return np.asarray(self._cameras.query(points)[0] > metres)
-        along = (
-            np.stack([np.cos(heading), np.sin(heading)], -1) * np.broadcast_to(np.asarray(reach), len(points))[:, None]
-        )
+        along = np.stack([np.cos(heading), np.sin(heading)], -1) * np.reshape(reach, (-1, 1))
         for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
             apart &= self._cameras.query(points + share * along)[0] > metres
         return apart
@@ -195,18 +130,12 @@ class Town:
     def trees(self) -> Trees:
         """Trees along pavements, in gardens, parks and the country."""
         rng = np.random.default_rng([self.seed, 3])
-        rows: list[tuple[float, float, float, float]] = []  # x, y, size, conifer
+        rows = []
         for block, density in enumerate(self.districts):
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 1.25, shortest_m=16):
-                if rng.random() < 0.72:
-                    gap = rng.uniform(9, 15)
-                    for s in np.arange(6 + rng.uniform(0, 4), side.length - 6, gap):
-                        if rng.random() < 0.85:
-                            x, y = side.at(s, rng.uniform(-0.1, 0.15))
-                            rows.append((x, y, rng.uniform(0.5, 0.8), 0.0))
+            rows += street_trees(self.ground, block, rng)
             if block < len(self.districts) - 1:
-                rows += self._garden_trees(self.ground.lots[block], float(density), rng)
-        rows += self._country_trees(rng)
+                rows += garden_trees(self.ground.lots[block], float(density), rng)
+        rows += country_trees(self.ground, self.seed, COUNTRY_TREES[self.detail], rng)
         table = np.array(rows).reshape(-1, 4)
         keep = self._clear(table[:, :2], 1.6)
         street = shapely.contains_xy(self.ground.roads, table[:, 0], table[:, 1])
@@ -214,37 +143,6 @@ class Town:
         n = len(table)
         position = np.column_stack([table[:, :2], np.full(n, KERB_M)])
         return Trees(position, rng.uniform(0, 2 * np.pi, n), table[:, 2], table[:, 3] > 0, rng.random(n))
-
-    @staticmethod
-    def _garden_trees(
-        lot: Polygon, density: float, rng: np.random.Generator
-    ) -> list[tuple[float, float, float, float]]:
-        if lot.is_empty:
-            return []
-        every = 110.0 if density < 0 else 130.0 + 420.0 * density  # square metres a tree
-        left, bottom, right, top = lot.bounds
-        n = int((right - left) * (top - bottom) / every)
-        points = rng.uniform((left, bottom), (right, top), (n, 2))
-        within = shapely.contains_xy(lot.buffer(-1.5), points[:, 0], points[:, 1])
-        size = rng.uniform(0.55, 1.25, n)
-        conifer = rng.random(n) < 0.16
-        return [(*points[i], size[i], float(conifer[i])) for i in np.flatnonzero(within)]
-
-    def _country_trees(self, rng: np.random.Generator) -> list[tuple[float, float, float, float]]:
-        """Woods and lone trees around the town, thinning out."""
-        left, bottom, right, top = self.graph.bounds
-        area = (right - left + 800) * (top - bottom + 800) - (right - left) * (top - bottom)
-        n = int(min(area / 420, 5000 if self.detail == "fine" else 9000))
-        points = rng.uniform((left - 400, bottom - 400), (right + 400, top + 400), (n, 2))
-        outer = self.ground.lots[-1]
-        shapely.prepare(outer)
-        within = shapely.contains_xy(outer, points[:, 0], points[:, 1])
-        rows = []
-        for i in np.flatnonzero(within):
-            wood = value_noise(points[i, 0] / 70.0, points[i, 1] / 70.0, 2000 + self.seed)
-            if rng.random() < (0.9 if wood > 0.62 else 0.12):
-                rows.append((*points[i], rng.uniform(0.8, 1.5), float(rng.random() < 0.15 + 0.9 * (wood > 0.75))))
-        return rows
 
     @cached_property
     def lamps(self) -> Objects:
@@ -262,33 +160,24 @@ class Town:
     def signs(self) -> Objects:
         """Traffic signs near corners, facing those who drive on the right."""
         rng = np.random.default_rng([self.seed, 5])
-        rows = []
-        for block in range(len(self.ground.blocks)):
-            for side in self.ground.sides(block, inset=-PAVEMENT_M + 1.1, shortest_m=18):
-                if rng.random() < 0.55:
-                    rows.append(
-                        (*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random())
-                    )
-        signs = Objects.of(rows)
+        signs = Objects.of([
+            (*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random())
+            for block in range(len(self.ground.blocks))
+            for side in self.ground.sides(block, inset=-PAVEMENT_M + 1.1, shortest_m=18)
+            if rng.random() < 0.55
+        ])  # fmt: skip
         return signs.where(self._apart(signs.position[:, :2], 0.9))
 
     @cached_property
     def benches(self) -> Objects:
         """Benches on pavements and along the edges of parks."""
         rng = np.random.default_rng([self.seed, 6])
-        rows = []
-        for block, density in enumerate(self.districts):
-            for side in self.ground.sides(block, shortest_m=14):
-                if rng.random() < (0.9 if density < 0 else 0.12):
-                    rows.append(
-                        (
-                            *side.at(rng.uniform(4, side.length - 4), -0.5),
-                            KERB_M,
-                            side.heading - np.pi / 2,
-                            rng.random(),
-                        )
-                    )
-        return Objects.of(rows)
+        return Objects.of([
+            (*side.at(rng.uniform(4, side.length - 4), -0.5), KERB_M, side.heading - np.pi / 2, rng.random())
+            for block, density in enumerate(self.districts)
+            for side in self.ground.sides(block, shortest_m=14)
+            if rng.random() < (0.9 if density < 0 else 0.12)
+        ])  # fmt: skip
 
     @cached_property
     def hedges(self) -> Mesh:
@@ -310,20 +199,15 @@ class Town:
                 kind.append(Kind.HEDGE if hedge else Kind.FENCE)
         if not base:
             return Mesh.empty()
-        where = np.array(base)
-        is_hedge = np.array(kind) == Kind.HEDGE
-        colour = np.where(
-            is_hedge[:, None],
-            palette("#4d6b2f"),
-            palette("#b9ab8f", "#6b4a32", "#d8d4c8")[(rng.random(len(where)) * 3).astype(int)],
-        )
-        rows = surface_rows(
-            Kind.HEDGE, len(where), seed=rng.random(len(where)), colour=colour, origin=where, heading=np.array(heading)
-        )
-        rows[:, 0] = kind
-        clear = self._apart(where[:, :2], 1.1, np.array(heading), 0.5 * np.array(size)[:, 0])
+        where, extent, along, kinds = np.array(base), np.array(size), np.array(heading), np.array(kind)
+        n = len(where)
+        paint = FENCE_COLOURS[(rng.random(n) * len(FENCE_COLOURS)).astype(int)]
+        colour = np.where((kinds == Kind.HEDGE)[:, None], HEDGE_GREEN, paint)
+        rows = surface_rows(Kind.HEDGE, n, seed=rng.random(n), colour=colour, origin=where, heading=along)
+        rows[:, KIND] = kinds
+        clear = self._apart(where[:, :2], 1.1, along, 0.5 * extent[:, 0])
         clear &= self._clear(where[:, :2], 0.4) & ~shapely.contains_xy(self.ground.roads, where[:, 0], where[:, 1])
-        return boxes(where[clear], np.array(size)[clear], np.array(heading)[clear], rows[clear])
+        return boxes(where[clear], extent[clear], along[clear], rows[clear])
 
     @cached_property
     def parking(self) -> Objects:
@@ -345,12 +229,15 @@ class Town:
     # -- appearance ----------------------------------------------------------------------------------------------------
 
     def mesh(self, appearance: Appearance, clear_of: Float64[ndarray, "c 2"] | None = None) -> Mesh:
-        """All triangles of the town as ``appearance`` leaves it; no car or person stands where a camera of ``clear_of`` is."""
+        """All triangles of the town as ``appearance`` leaves it.
+
+        No car or person stands where a camera of ``clear_of`` (x, y) is.
+        """
         a, fine = appearance, self.detail == "fine"
         change = [self.seed, 50, a.change_seed]
         repaint = np.random.default_rng([*change, 1]).random(len(self.buildings)) < a.facades_changed
         cars = self._parked(a)
-        cars = cars.where(_clear_of_cameras(cars.position[:, :2], cars.heading, clear_of, (2.9, 1.35)))
+        cars = cars.where(clear_of_cameras(cars.position[:, :2], cars.heading, clear_of, (2.9, 1.35)))
         green = [bool(d < 0.62) for d in self.districts]
         return Mesh.join([
             self.ground.mesh(green),
@@ -390,7 +277,7 @@ class Town:
         place = start + along * (rng.uniform(0.08, 0.92, n) * graph.lengths[edge])[:, None] + right * aside[:, None]
         heading = np.arctan2(along[:, 1], along[:, 0]) + np.where(way > 0, 0.0, np.pi)
         seed = rng.random(n)
-        away = _clear_of_cameras(place, heading, clear_of, (3.6, 1.6))
+        away = clear_of_cameras(place, heading, clear_of, (3.6, 1.6))
         place, heading, seed, walks = place[away], heading[away], seed[away], walks[away]
         position = np.column_stack([place, np.where(walks, KERB_M, 0.0)])
         people = walks & self._apart(place, 0.9)
@@ -404,42 +291,6 @@ class Town:
         self, appearance: Appearance, *, clear_of: Float64[ndarray, "c 2"] | None = None, soft: bool = False
     ) -> Renderer:
         """A renderer of the town as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
+        scene = Scene(self.mesh(appearance, clear_of), watertight=self.detail == "fine")
         lights = objects.lamp_lights(self.lamps.position, self.lamps.heading)
-        return Renderer(
-            Scene(self.mesh(appearance, clear_of), watertight=self.detail == "fine"), Lamps.at(lights), soft=soft
-        )
-
-
-def _fitting(
-    lot: Polygon, taken: list[Polygon], side: Side, s: float, width: float, back: float, depths: tuple[float, ...]
-) -> Polygon | None:
-    """The deepest of the rectangles at ``s`` along ``side`` that lies within the lot and off what is taken."""
-    for depth in depths:
-        corners = [
-            side.at(s, back),
-            side.at(s + width, back),
-            side.at(s + width, back + depth),
-            side.at(s, back + depth),
-        ]
-        outline = Polygon(corners)
-        if lot.contains(outline) and not any(outline.intersects(other) for other in taken):
-            return outline
-    return None
-
-
-def _clear_of_cameras(
-    place: Float64[ndarray, "n 2"],
-    heading: Float64[ndarray, "n"],
-    cameras: Float64[ndarray, "c 2"] | None,
-    reach: tuple[float, float],
-) -> Bool[ndarray, "n"]:
-    """Which objects have no camera within ``reach`` metres (along and across their heading) of their middle."""
-    if cameras is None or not len(cameras) or not len(place):
-        return np.ones(len(place), bool)
-    far, near = cKDTree(cameras).query(place, k=min(16, len(cameras)), distance_upper_bound=float(np.hypot(*reach)))
-    far, near = far.reshape(len(place), -1), near.reshape(len(place), -1)
-    offset = np.where(np.isfinite(far)[..., None], cameras[np.minimum(near, len(cameras) - 1)] - place[:, None], np.inf)
-    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    with np.errstate(invalid="ignore"):
-        along, across = np.abs(c * offset[..., 0] + s * offset[..., 1]), np.abs(c * offset[..., 1] - s * offset[..., 0])
-    return np.asarray(~((along < reach[0]) & (across < reach[1])).any(1))
+        return Renderer(scene, Lamps.at(lights), soft=soft)

@@ -52,7 +52,7 @@ class _Form:
 
 @lru_cache(maxsize=64)
 def _form(k: int, leaves: int) -> _Form:
-    """A template of eight metres: a trunk that forks, branches that fork again, and leaves in clumps about their ends."""
+    """A template of eight metres: a trunk, branches that fork, and ``leaves`` in clumps about their ends."""
     rng = np.random.default_rng([41, k])
     tall, wide = 4.9 + 0.8 * rng.random(), 2.3 + 0.9 * rng.random()
     stem = 1.9 + 0.6 * rng.random()
@@ -97,7 +97,7 @@ def _form(k: int, leaves: int) -> _Form:
 
 
 def _unit(v: Float64[ndarray, "3"]) -> Float64[ndarray, "3"]:
-    return v / np.linalg.norm(v)
+    return np.asarray(v / np.linalg.norm(v))
 
 
 def _broad(trees: Trees, at: Int64[ndarray, "k"], k: int, foliage: float, leaves: int) -> Mesh:

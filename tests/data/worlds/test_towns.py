@@ -26,7 +26,8 @@ SMALL = {
     TownSeasons: {
         "frames": {"train": 40, "val": 12, "test": 20}, "step_m": 3.0, "lateral_sigma_m": 0.3, "heading_sigma_deg": 2.0,
         "width": 24, "height": 16, "vfov_deg": 55.0, "samples": 1,
-        "conditions": ["summer_noon", "winter_dusk", "night_clear"], "block_m": 70.0, "seed": 3,
+        "conditions": ["summer_noon", "winter_dusk", "night_clear"], "block_m": 70.0,
+        "trajectories": {"train": None, "val": None, "test": None}, "seed": 3,
     },
     TownCity: {
         "images": 150, "headings": 8, "size_m": 320.0, "block_m": 80.0, "width": 24, "height": 16, "vfov_deg": 55.0,
@@ -42,7 +43,10 @@ def plan_of(kind, **changes):
 
 @pytest.fixture(scope="module")
 def plans():
-    return {kind: plan_of(kind) for kind in DATASETS}
+    made = {kind: plan_of(kind) for kind in DATASETS}
+    for plan in made.values():
+        plan.detail = "coarse"
+    return made
 
 
 # -- all datasets ------------------------------------------------------------------------------------------------------
@@ -85,9 +89,9 @@ def test_a_plan_is_a_function_of_its_config(plans, kind):
 @pytest.mark.parametrize("kind", DATASETS)
 def test_pictures_are_the_same_alone_in_a_batch_and_after_pickling(kind):
     light = ["summer_noon", "night_clear", "summer_evening"]  # of one geometry: few worlds to build
-    plan, other = (plan_of(kind, seed=seed, conditions=light) for seed in (3, 5))
-    plan.detail = other.detail = "coarse"
-    stop = min(plan.count, 14)
+    plan = plan_of(kind, conditions=light)
+    plan.detail = "coarse"
+    stop = 5
     together = plan.render(0, stop)["images"]
     height, width, _ = plan.arrays["images"].shape
     assert together.shape == (stop, height, width, 3)
@@ -95,10 +99,11 @@ def test_pictures_are_the_same_alone_in_a_batch_and_after_pickling(kind):
     assert together.std(axis=(1, 2, 3)).min() > 4
     copied = pickle.loads(pickle.dumps(plan))
     assert copied.digest == plan.digest
-    for i in (stop - 1, 3):
+    for i in (stop - 1, stop - 2):
         assert np.array_equal(copied.render(i, i + 1)["images"][0], together[i])
     assert len(np.unique(together.reshape(stop, -1), axis=0)) == stop
-    assert not np.array_equal(other.render(0, 1)["images"][0], together[0])
+    if kind is TownCity:
+        assert not np.array_equal(plan_of(kind, seed=5).render(0, 1)["images"][0], together[0])
 
 
 @pytest.mark.parametrize("kind", DATASETS)
@@ -109,10 +114,11 @@ def test_cameras_stand_outside_and_a_step_from_everything_solid(kind):
     around = np.arange(128) + 0.5
     z, turn = 1 - around / 64, np.pi * (1 + 5**0.5) * around
     ways = np.column_stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
-    for scene in np.unique(shots.scene):
+    for scene in np.unique(shots.scene)[:3]:
         eyes = np.unique(shots.pose[shots.scene == scene, :3], axis=0)
-        for condition in (0, 1):
-            world = Scene(plan.town(int(scene)).mesh(plan.appearances[condition]))
+        town = plan.town(int(scene))
+        for look in plan.appearances[: 2 if scene == 0 else 1]:
+            world = Scene(town.mesh(look))
             assert not world.inside(eyes).any()
             origins, directions = np.repeat(eyes, 128, 0), np.tile(ways, (len(eyes), 1))
             distance, hit = world.distance(origins, directions), world.hit(origins, directions)
@@ -220,6 +226,32 @@ def test_wander_is_what_the_config_says():
     assert 0.02 < apart.max() < 1.0
 
 
+def drive_of(path, side):
+    """A file of KITTI poses: a metre a frame around a square."""
+    corners = side * np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0.0]])
+    arc = np.arange(0.0, 4 * side)
+    x, z = (np.interp(arc, side * np.arange(5), corners[:, k]) for k in (0, 1))
+    poses = np.tile(np.eye(3, 4).ravel(), (len(arc), 1))
+    poses[:, 3], poses[:, 11] = x, z
+    np.savetxt(path, poses)
+    return str(path)
+
+
+def test_streets_may_be_traced_from_a_real_drive_whose_file_is_part_of_the_identity(tmp_path):
+    files = {"train": drive_of(tmp_path / "00.txt", 120.0), "val": None, "test": None}
+    plan = plan_of(TownSeasons, trajectories=files)
+    assert plan.graph(0).length_m == pytest.approx(480, rel=0.15)
+    free = plan_of(TownSeasons)
+    assert np.array_equal(plan.graph(1).nodes, free.graph(1).nodes)
+    assert plan.facts["splits"] == free.facts["splits"]
+    before = plan.digest
+    assert plan_of(TownSeasons, trajectories=files).digest == before != free.digest
+    drive_of(tmp_path / "00.txt", 140.0)
+    assert plan_of(TownSeasons, trajectories=files).digest != before
+    with pytest.raises(UserError, match=r"missing\.txt"):
+        _ = plan_of(TownSeasons, trajectories={**files, "test": str(tmp_path / "missing.txt")}).shots
+
+
 # -- the city ----------------------------------------------------------------------------------------------------------
 
 
@@ -300,7 +332,7 @@ def test_conditions_may_be_named_and_changed_in_single_factors():
 
 @pytest.mark.parametrize("samples", [0, 2, 100])
 def test_rays_a_pixel_are_a_square_number(samples):
-    with pytest.raises(UserError, match=f"dataset.samples is {samples}"):
+    with pytest.raises(UserError, match=rf"samples.*\b{samples}\b"):
         _ = plan_of(TownCity, samples=samples).rays
 
 

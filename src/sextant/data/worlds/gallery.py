@@ -82,9 +82,8 @@ def street_picture(spot: Spot, camera: PerspectiveCamera, samples: int) -> UInt8
     x, y, heading = route.poses[int(spot.metres)]
     pose = np.array([[x, y, spot.height_m, heading + np.radians(spot.turn_deg), np.radians(spot.tilt_deg), 0.0]])
     look = condition(spot.condition, **dict(spot.factors))
-    return town.renderer(look, clear_of=pose[:, :2], soft=True).pictures(
-        camera_rays(camera, samples), camera_poses(pose), look
-    )[0]
+    renderer = town.renderer(look, clear_of=pose[:, :2], soft=True)
+    return np.asarray(renderer.pictures(camera_rays(camera, samples), camera_poses(pose), look)[0])
 
 
 def sheet(pictures: Sequence[UInt8[ndarray, "h w 3"]], names: Sequence[str], columns: int) -> Image.Image:

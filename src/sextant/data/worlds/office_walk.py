@@ -1,10 +1,8 @@
 """A robot in an office: pictures, poses, odometry and laser scans of drives through it."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,7 @@ from numpy import ndarray
 
 from sextant.data.rendered import ArraySpec
 from sextant.data.worlds.shots import Shots, WorldPlan
-from sextant.data.worlds.towns import RenderedWorld, perspective
+from sextant.data.worlds.towns import RenderedWorld, file_hashes, perspective
 from sextant.geometry import Camera
 from sextant.worlds.appearance import Appearance
 from sextant.worlds.laser import LaserScanner, scan
@@ -68,16 +66,12 @@ class OfficeWalkPlan(WorldPlan):
     @cached_property
     def office(self) -> Office:
         """The building: procedural, or carved around the trajectories."""
-        if self.config["trajectories"]:
-            plan = plan_along(
-                *(load_cold(path).poses for path in self.config["trajectories"]), seed=self.config["seed"]
-            )
-        else:
-            plan = self._empty_plan
-            plan = replace(
-                plan, tracks=tuple(plan.to_plan(drive[:, :2]) for drive in self._drives)
-            )  # furniture keeps off
-        return Office(plan, self.config["seed"])
+        seed, files = self.config["seed"], self.config["trajectories"]
+        if files:
+            return Office(plan_along(*(load_cold(path).poses for path in files), seed=seed), seed)
+        plan = self._empty_plan
+        tracks = tuple(plan.to_plan(drive[:, :2]) for drive in self._drives)  # furniture keeps off them
+        return Office(replace(plan, tracks=tracks), seed)
 
     def lay_out(self) -> Shots:
         """The map drive, then each run under each condition; the map is seen under the first."""
@@ -86,8 +80,8 @@ class OfficeWalkPlan(WorldPlan):
             x, y, heading = drive.T
             zero = np.zeros(len(x))
             pose = np.column_stack([x, y, zero + CAMERA_HEIGHT_M, heading, zero, zero])
-            for condition in range(1 if k == 0 else len(self.appearances)):
-                parts.append(Shots.of(0, condition, int(k > 0), np.arange(len(x)), pose))
+            conditions = range(1 if k == 0 else len(self.appearances))
+            parts += [Shots.of(0, condition, int(k > 0), np.arange(len(x)), pose) for condition in conditions]
         return Shots.join(parts)
 
     @property
@@ -101,11 +95,10 @@ class OfficeWalkPlan(WorldPlan):
         shots = self.shots
         starts = np.flatnonzero(np.r_[True, np.diff(shots.place) <= 0])
         run = np.searchsorted(starts, np.arange(len(shots)), side="right") - 1
-        odometry = np.concatenate([
-            simulate(shots.pose[run == k][:, [0, 1, 3]], COLD_WHEELS, np.random.default_rng([self.config["seed"], 61, k]))
-            for k in range(len(starts))
-        ])  # fmt: skip
-        return {**super().columns, "run": run.astype(np.int16), "odometry": odometry}
+        truth = [shots.pose[run == k][:, [0, 1, 3]] for k in range(len(starts))]
+        rngs = [np.random.default_rng([self.config["seed"], 61, k]) for k in range(len(starts))]
+        odometry = [simulate(poses, COLD_WHEELS, rng) for poses, rng in zip(truth, rngs, strict=True)]
+        return {**super().columns, "run": run.astype(np.int16), "odometry": np.concatenate(odometry)}
 
     def build(self, scene: int, appearance: Appearance) -> Renderer:
         """The office under an appearance."""
@@ -129,9 +122,9 @@ class OfficeWalkPlan(WorldPlan):
 class OfficeWalk(RenderedWorld):
     """Drives of a robot through an office: a map run, and runs to localize, with odometry and laser.
 
-    Keys: ``size_m`` and ``metres`` of each drive (procedural), or ``trajectories`` (files of poses that the office is carved
-    around: COLD's layout); ``every`` how many poses 4 cm apart a picture is taken; ``width``, ``height``, ``vfov_deg``, ``samples``,
-    ``conditions`` (the first is the map's), ``laser``, ``seed``.
+    Keys: ``size_m`` and ``metres`` of each drive (procedural), or ``trajectories`` (files of poses that the office is
+    carved around: COLD's layout); ``every`` how many poses 4 cm apart a picture is taken; ``width``, ``height``,
+    ``vfov_deg``, ``samples``, ``conditions`` (the first is the map's), ``laser``, ``seed``.
     """
 
     name = "office_walk"
@@ -139,12 +132,5 @@ class OfficeWalk(RenderedWorld):
 
     def plan(self) -> WorldPlan:
         """What is rendered; the contents of trajectory files are part of its identity."""
-        config = dict(self.config)
-        files = {
-            str(path): hashlib.sha256(Path(path).read_bytes()).hexdigest()
-            for path in config["trajectories"]
-            if Path(path).is_file()
-        }
-        return OfficeWalkPlan(
-            self.name, {**config, "trajectory_sha256": files}, list(config["conditions"]), config["samples"]
-        )
+        config = {**self.config, "trajectory_sha256": file_hashes(self.config["trajectories"])}
+        return OfficeWalkPlan(self.name, config, list(config["conditions"]), config["samples"])

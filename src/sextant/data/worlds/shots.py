@@ -95,12 +95,11 @@ class WorldPlan(RenderPlan):
         self._scenes = _Held(HELD_SCENES)
 
     def __getstate__(self) -> dict[str, Any]:
-        own = {
+        return {
             key: value
             for key, value in self.__dict__.items()
             if not isinstance(getattr(type(self), key, None), cached_property) and key != "_scenes"
         }
-        return own
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

@@ -1,9 +1,11 @@
 """Datasets of towns: panoramas, the same streets under seasons, and a whole city."""
 
+import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,8 @@ from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.street_layouts import irregular_streets
 from sextant.worlds.tours import random_walk
 from sextant.worlds.town import Town
+from sextant.worlds.traced_streets import traced_streets
+from sextant.worlds.trajectories import load_kitti_poses, plane_positions
 
 CAMERA_HEIGHT_M = 1.6
 
@@ -73,7 +77,7 @@ class TownPanoramasPlan(_TownPlan):
     @cached_property
     def _scenes_of_split(self) -> list[range]:
         towns = np.cumsum([0] + [self.config["towns"][split] for split in SPLITS])
-        return [range(a, b) for a, b in zip(towns[:-1], towns[1:], strict=True)]
+        return [range(a, b) for a, b in pairwise(towns)]
 
     def graph(self, scene: int) -> StreetGraph:
         """Streets of a small town."""
@@ -123,7 +127,11 @@ class TownSeasonsPlan(_TownPlan):
         return replace(DRIVER, **wander)
 
     def graph(self, scene: int) -> StreetGraph:
-        """Streets enough for the frames of the split, with room to turn."""
+        """Streets enough for the frames of the split, or those of a real trajectory."""
+        trajectory = self.config["trajectories"][SPLITS[scene]]
+        if trajectory:
+            driven = plane_positions(load_kitti_poses(trajectory))
+            return traced_streets(driven, seed=town_seed(self.config["seed"], scene))
         block = self.config["block_m"]
         length = 2.5 * self.config["frames"][SPLITS[scene]] * self.config["step_m"]
         return irregular_streets(
@@ -246,6 +254,12 @@ def _along_streets(graph: StreetGraph, positions: int) -> Float64[ndarray, "posi
     return np.column_stack([xy, np.arctan2(along[:, 1], along[:, 0])])
 
 
+def file_hashes(paths: Iterable[str | None]) -> dict[str, str]:
+    """SHA-256 of the contents of those files that are there."""
+    there = [path for path in paths if path and Path(path).is_file()]
+    return {path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in there}
+
+
 class RenderedWorld:
     """A dataset that is rendered on this machine when it is first needed.
 
@@ -282,18 +296,23 @@ class TownSeasons(RenderedWorld):
 
     Keys: ``frames`` by split, ``step_m`` between frames, ``lateral_sigma_m`` and ``heading_sigma_deg`` of the car's
     wander, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions``,
-    ``block_m``, ``seed``.
+    ``block_m``, ``trajectories`` (KITTI pose files by split, whose streets are then traced), ``seed``.
     """
 
     name = "town_seasons"
     plan_type = TownSeasonsPlan
 
+    def plan(self) -> WorldPlan:
+        """What is rendered; the contents of trajectory files are part of its identity."""
+        self.config = {**self.config, "trajectory_sha256": file_hashes(self.config["trajectories"].values())}
+        return super().plan()
+
 
 class TownCity(RenderedWorld):
     """A city of 8 km2 in 172,000 pictures, ``headings`` at each position, and drives to localize.
 
-    Keys: ``images``, ``headings``, ``size_m``, ``block_m``, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions`` (the
-    first is the map's), ``query_frames`` a condition, ``query_step_m``, ``seed``.
+    Keys: ``images``, ``headings``, ``size_m``, ``block_m``, ``width``, ``height``, ``vfov_deg``, ``samples``,
+    ``conditions`` (the first is the map's), ``query_frames`` a condition, ``query_step_m``, ``seed``.
     """
 
     name = "town_city"

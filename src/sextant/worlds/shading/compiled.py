@@ -10,20 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config as numba_config
+from numba.core import config
 
+_SETTINGS: Any = config  # the module gives itself its attributes when it is imported
 _HERE = Path(__file__).parent
 _SOURCE = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(_HERE.glob("*.py")))).hexdigest()[:12]
 
 
 def compiled(function: Callable[..., Any]) -> Any:
     """``function`` as machine code: releases the interpreter's lock, keeps IEEE arithmetic (no reordering)."""
-    before = numba_config.CACHE_DIR
+    before = _SETTINGS.CACHE_DIR
     if not before:
-        numba_config.CACHE_DIR = str(_HERE / "__pycache__" / _SOURCE)
+        _SETTINGS.CACHE_DIR = str(_HERE / "__pycache__" / _SOURCE)
     try:
         return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # nowhere to keep it: compile in every process
         return numba.njit(nogil=True, error_model="numpy")(function)
     finally:
-        numba_config.CACHE_DIR = before
+        _SETTINGS.CACHE_DIR = before

@@ -1,8 +1,8 @@
 """Facades: walls of plaster, brick, stone, panels or boards, with windows and doors set back into them.
 
-The recess of a window is exact for the eye without a triangle: the ray that met the wall plane at ``(u, v)`` is carried on
-to the pane at depth ``d`` behind it, ``(u, v) + d (du, dv) / -dn``; where it leaves the opening on the way it meets the
-reveal. The shadow that the opening casts on the pane follows the same way along the sun.
+The recess of a window is exact for the eye without a triangle: the ray that met the wall plane at ``(u, v)`` is
+carried on to the pane at depth ``d`` behind it, ``(u, v) + d (du, dv) / -dn``; where it leaves the opening on the way
+it meets the reveal. The shadow that the opening casts on the pane follows the same way along the sun.
 """
 
 from math import floor
@@ -38,9 +38,8 @@ def wall_colour(row, u, v, seed, style, footprint):
         x = u / 0.62 + 0.5 * (course % 2) + 0.2 * hash3(course, 3, seed)
         fu, fv = x - floor(x), v / 0.34 - course
         detail = keep(footprint, 0.3)
-        shade = (
-            0.95 + detail * 0.22 * (hash3(floor(x), course, seed) - 0.5) + 0.12 * value_noise(u * 2.5, v * 2.5, seed)
-        )
+        shade = 0.95 + detail * 0.22 * (hash3(floor(x), course, seed) - 0.5)
+        shade += 0.12 * value_noise(u * 2.5, v * 2.5, seed)
         if fv < 0.05 or fu < 0.03:
             shade *= 1.0 - 0.35 * detail
     elif style == PANELS:
@@ -91,9 +90,12 @@ def room(x, y, w, h, seed, lit, day, footprint):
 
 @compiled
 def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):
-    """Albedo (3), emission (3), mirror share of a pane, share of the sun let through, of a wall at ``(u, v)`` metres.
+    """What is seen of a wall at ``(u, v)`` metres from its lower left corner.
 
     ``(du, dv, dn)`` is the ray and ``(su, sv, sn)`` the sun in the frame along, up and out of the wall.
+
+    Returns:
+        albedo (3), emission (3), mirror share of a pane, share of the sun let through.
     """
     width, height, ground, storeys, bays = row[P0], row[P0 + 1], row[P0 + 2], row[P0 + 3], row[P0 + 4]
     use, style, wall, blank, trim = int(row[P0 + 5]), int(row[P0 + 6]), int(row[P0 + 7]), row[P0 + 8], row[P0 + 9]
@@ -102,11 +104,9 @@ def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):
     r, g, b = wall_colour(row, u, v, seed, wall, footprint)
     door_r, door_g, door_b = row[RED2], row[GREEN2], row[BLUE2]
     pale = 0.3 + 0.7 * trim  # surrounds, quoins and bands
-    tr, tg, tb = (
-        row[RED] + (0.58 - row[RED]) * pale,
-        row[GREEN] + (0.55 - row[GREEN]) * pale,
-        row[BLUE] + (0.48 - row[BLUE]) * pale,
-    )
+    tr = row[RED] + (0.58 - row[RED]) * pale
+    tg = row[GREEN] + (0.55 - row[GREEN]) * pale
+    tb = row[BLUE] + (0.48 - row[BLUE]) * pale
     if v < 0.45 and blank < 1.5:  # plinth
         r, g, b = 0.32 * (0.6 + r), 0.32 * (0.6 + g), 0.32 * (0.58 + b)
     if v > height - 0.5:
@@ -186,15 +186,8 @@ def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):
     ax = abs(x)
     if ax > half or y < sill or y > head:
         if style <= FRENCH and style != RIBBON and not glazed:
-            if (
-                hash3(seed, 77, 0) > 0.6
-                and storey > 0.0
-                and use != OFFICE
-                and ax < half + 0.46
-                and ax > half + 0.03
-                and y > sill
-                and y < head
-            ):
+            beside = ax > half + 0.03 and ax < half + 0.46 and y > sill and y < head
+            if beside and storey > 0.0 and use != OFFICE and hash3(seed, 77, 0) > 0.6:
                 slat = 1.0 if y / 0.07 - floor(y / 0.07) > 0.3 else 1.0 - 0.35 * keep(footprint, 0.06)  # shutters
                 return door_r * 0.8 * slat, door_g * 0.8 * slat, door_b * 0.8 * slat, 0.0, 0.0, 0.0, 0.0, 1.0
             if y > sill - 0.09 and y <= sill and ax < half + 0.14 and not door:

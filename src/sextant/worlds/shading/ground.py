@@ -9,7 +9,7 @@ from sextant.worlds.surfaces import P0, SEED
 
 
 @compiled
-def asphalt(x, y, footprint, look):
+def asphalt(x, y, footprint):
     """Albedo of a road surface at world ``(x, y)``: patches, grain and cracks."""
     base = 0.085 + 0.035 * value_noise(x * 0.21, y * 0.21, 11) + 0.02 * value_noise(x * 1.7, y * 1.7, 12)
     i, j = floor(x / 7.0), floor(y / 7.0)
@@ -30,9 +30,13 @@ def asphalt(x, y, footprint, look):
 
 @compiled
 def road(row, u, v, x, y, footprint, look):
-    """Albedo of a street at ``u`` along and ``v`` left of its centre line, and how far wheels kept it clear (0 to 1)."""
+    """Albedo of a street ``u`` metres along and ``v`` left of its centre line.
+
+    Returns:
+        albedo (3), how far wheels kept it clear of snow (0 to 1).
+    """
     length, half, markings, start, end = row[P0], row[P0 + 1], row[P0 + 2], row[P0 + 3], row[P0 + 4]
-    r, g, b = asphalt(x, y, footprint, look)
+    r, g, b = asphalt(x, y, footprint)
     lane = 0.5 * half
     track = abs(abs(abs(v) - lane) - 0.75)
     wheel = 1.0 - smoothstep(0.1, 0.45, track)
@@ -67,18 +71,18 @@ def road(row, u, v, x, y, footprint, look):
 
 
 @compiled
-def pavement(x, y, seed, footprint, look):
-    """Albedo of paving slabs at world ``(x, y)``."""
+def pavement(u, v, seed, footprint):
+    """Albedo of paving slabs at ``u`` along and ``v`` across them."""
     size = 0.5
-    i, j = floor(x / size), floor(y / size)
+    i, j = floor(u / size), floor(v / size)
     detail = keep(footprint, 0.22)
-    shade = 0.27 + 0.07 * value_noise(x * 0.35, y * 0.35, 31) + 0.07 * detail * (hash3(i, j, seed) - 0.5)
-    fx, fy = x / size - i, y / size - j
-    if detail > 0.0 and (fx < 0.035 or fy < 0.035):
+    shade = 0.27 + 0.07 * value_noise(u * 0.35, v * 0.35, 31) + 0.07 * detail * (hash3(i, j, seed) - 0.5)
+    fu, fv = u / size - i, v / size - j
+    if detail > 0.0 and (fu < 0.035 or fv < 0.035):
         shade *= 1.0 - 0.4 * detail
     if footprint < 0.1:
-        shade *= 0.95 + 0.1 * value_noise(x * 21.0, y * 21.0, 32)
-    stain = value_noise(x * 1.4, y * 1.4, 33)
+        shade *= 0.95 + 0.1 * value_noise(u * 21.0, v * 21.0, 32)
+    stain = value_noise(u * 1.4, v * 1.4, 33)
     shade *= 1.0 - 0.18 * stain * stain
     return shade, shade * 0.97, shade * 0.93
 
@@ -89,9 +93,8 @@ def grass(x, y, footprint, look):
     big = fractal_noise(x * 0.16, y * 0.16, 41, 2)
     fine = 0.5
     if footprint < 0.3:
-        fine = 0.6 * value_noise(x * 9.0, y * 9.0, 42) + 0.4 * value_noise(x * 31.0, y * 31.0, 43) * keep(
-            footprint, 0.1
-        )
+        blades = 0.4 * value_noise(x * 31.0, y * 31.0, 43) * keep(footprint, 0.1)
+        fine = 0.6 * value_noise(x * 9.0, y * 9.0, 42) + blades
     dry = 0.35 * look[AUTUMN]
     r = (0.060 + 0.045 * big + 0.06 * dry) * (0.55 + 0.9 * fine)
     g = (0.105 + 0.05 * big - 0.01 * dry) * (0.55 + 0.9 * fine)
@@ -122,6 +125,5 @@ def field(x, y, footprint, look):
 @compiled
 def puddle(x, y, look):
     """How deep water stands at world ``(x, y)``, 0 to 1."""
-    return (
-        smoothstep(0.62 - 0.35 * look[WET], 0.8 - 0.3 * look[WET], fractal_noise(x * 0.3, y * 0.3, 61, 2)) * look[WET]
-    )
+    wet = look[WET]
+    return smoothstep(0.62 - 0.35 * wet, 0.8 - 0.3 * wet, fractal_noise(x * 0.3, y * 0.3, 61, 2)) * wet

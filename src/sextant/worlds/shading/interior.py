@@ -330,7 +330,7 @@ def books(row, u, v, nz, seed):
 
 
 @compiled
-def interior(row, kind, u, w, oz, nx, ny, nz, dx, dy, dz, footprint, look):
+def interior(row, kind, u, w, oz, nz, dx, dy, dz, footprint, look):
     """What is seen of an indoor surface at ``(u, w, oz)`` in its texture frame.
 
     Returns:

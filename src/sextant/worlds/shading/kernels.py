@@ -40,8 +40,8 @@ from sextant.worlds.surfaces import KIND, X, Y, Z
 def world_rays(pose, bearings, first, shift, origins, directions):
     """Rays of a camera at ``pose`` (3 x 4, world from camera), into float32 ``origins`` and ``directions``.
 
-    While the shutter is open the camera moves by ``shift`` (metres along world x, y, z, and radians about z): each ray has
-    its own moment within it, hashed from its number ``first + i``.
+    While the shutter is open the camera moves by ``shift`` (metres along world x, y, z, and radians about z): each ray
+    has its own moment within it, hashed from its number ``first + i``.
     """
     moving = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0 or shift[3] != 0.0
     for i in range(bearings.shape[0]):
@@ -132,7 +132,8 @@ def shadow_rays(origins, directions, triangle, distance, normals, surface, surfa
 def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, number, samples, at, starts, ways):
     """One ray from each point that was met, by the cosine law about its normal: does it see the sky? Returns how many.
 
-    The ``samples`` rays of a pixel, told by the ``number`` of the ray in its view, spread by a golden-ratio sequence, shifted by a hash of the pixel.
+    The ``samples`` rays of a pixel, told by the ``number`` of the ray in its view, spread by a golden-ratio sequence
+    that is shifted by a hash of the pixel.
     """
     count = 0
     for i in range(triangle.shape[0]):
@@ -162,29 +163,15 @@ def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces
 
 @compiled
 def shade(
-    origins,
-    directions,
-    triangle,
-    distance,
-    sunny,
-    open_sky,
-    normals,
-    surface,
-    surfaces,
-    lamps,
-    lamp_cells,
-    lamp_origin,
-    look,
-    pixel,
-    radiance,
-    mirror,
-):
+    origins, directions, triangle, distance, sunny, open_sky, normals, surface, surfaces,
+    lamps, lamp_cells, lamp_origin, look, pixel, radiance, mirror,
+):  # fmt: skip
     """Linear radiance of every ray.
 
-    ``albedo (sun max(n.s, 0) visible + sky (1 + n.z)/2 + bounce (1 - n.z)/2 + lamps) + emission + mirrored sky``, with snow
-    and wetness on what faces up, then fog by distance. ``open_sky`` is 1 or 0 where a ray asked whether the point sees the sky,
-    -1 where it did not: then the sky's share is guessed from the normal and the height above the street. Shares of wet ground that mirror are left in ``mirror`` for a second
-    cast.
+    ``albedo (sun max(n.s, 0) visible + sky (1 + n.z)/2 + bounce (1 - n.z)/2 + lamps) + emission + mirrored sky``, with
+    snow and wetness on what faces up, then fog by distance. ``open_sky`` is 1 or 0 where a ray asked whether the point
+    sees the sky, -1 where it did not: then the sky's share is guessed from the normal and the height above the street.
+    Shares of wet ground that mirror are left in ``mirror`` for a second cast.
     """
     sun_x, sun_y, sun_z = look[SUN_X], look[SUN_Y], look[SUN_Z]
     indoor = look[INDOOR] > 0.5
@@ -317,10 +304,8 @@ def mirror_rays(origins, directions, distance, mirror, at, starts, ways):
         starts[count, 0], starts[count, 1] = x, y
         starts[count, 2] = origins[i, 2] + d * directions[i, 2] + 0.003
         h = hash3(floor(x * 40.0), floor(y * 40.0), 5)
-        wx, wy = (
-            directions[i, 0] + 0.03 * (h - 0.5),
-            directions[i, 1] + 0.03 * (hash3(floor(x * 40.0), floor(y * 40.0), 6) - 0.5),
-        )
+        wx = directions[i, 0] + 0.03 * (h - 0.5)
+        wy = directions[i, 1] + 0.03 * (hash3(floor(x * 40.0), floor(y * 40.0), 6) - 0.5)
         wz = -directions[i, 2] * (1.0 + 0.25 * (h - 0.5)) + 0.002
         n = 1.0 / sqrt(wx * wx + wy * wy + wz * wz)
         ways[count, 0], ways[count, 1], ways[count, 2] = wx * n, wy * n, wz * n
@@ -348,7 +333,7 @@ def gaussian(i, c, seed):
 
 @compiled
 def develop(linear, width, gain, curve, read, shot, vignetting, seed, out):
-    """A picture in 8 bits: vignetting, gains, a filmic shoulder, sensor noise, and a tone ``curve`` of 65,536 levels."""
+    """A picture in 8 bits: vignetting, gains, filmic shoulder, sensor noise, and a tone ``curve`` of 65,536 levels."""
     n = linear.shape[0]
     height = n // width
     corner = 0.25 * (width * width + height * height)

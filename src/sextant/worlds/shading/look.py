@@ -15,25 +15,20 @@ from sextant.worlds.appearance import Appearance
 ) = range(30)  # fmt: skip
 LENGTH = 32
 
-#: sun elevation in degrees -> linear RGB of the sun, the zenith and the horizon of a clear sky; a white wall in the noon
-#: sun has radiance near 1
+#: sun elevation in degrees -> linear RGB of the sun, the zenith and the horizon of a clear sky; a white wall in the
+#: noon sun has radiance near 1
 _ELEVATION = np.array([-18.0, -6.0, -1.0, 3.0, 12.0, 30.0, 60.0])
-_SUN = np.array(
-    [
-        (0, 0, 0),
-        (0, 0, 0),
-        (0.1, 0.03, 0.01),
-        (0.75, 0.35, 0.13),
-        (1.35, 0.93, 0.56),
-        (1.72, 1.5, 1.18),
-        (1.9, 1.75, 1.52),
-    ]
-)
+_SUN = np.array([
+    (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.1, 0.03, 0.01), (0.75, 0.35, 0.13), (1.35, 0.93, 0.56), (1.72, 1.5, 1.18),
+    (1.9, 1.75, 1.52),
+])  # fmt: skip
 _ZENITH = np.array([
-    (0.005, 0.008, 0.02), (0.025, 0.045, 0.12), (0.06, 0.10, 0.22), (0.10, 0.17, 0.34), (0.13, 0.25, 0.5), (0.13, 0.28, 0.62), (0.12, 0.28, 0.64)
+    (0.005, 0.008, 0.02), (0.025, 0.045, 0.12), (0.06, 0.10, 0.22), (0.10, 0.17, 0.34), (0.13, 0.25, 0.5),
+    (0.13, 0.28, 0.62), (0.12, 0.28, 0.64),
 ])  # fmt: skip
 _HORIZON = np.array([
-    (0.018, 0.016, 0.022), (0.16, 0.13, 0.18), (0.5, 0.28, 0.18), (0.72, 0.46, 0.26), (0.68, 0.62, 0.52), (0.56, 0.68, 0.8), (0.55, 0.7, 0.86)
+    (0.018, 0.016, 0.022), (0.16, 0.13, 0.18), (0.5, 0.28, 0.18), (0.72, 0.46, 0.26), (0.68, 0.62, 0.52),
+    (0.56, 0.68, 0.8), (0.55, 0.7, 0.86),
 ])  # fmt: skip
 
 
@@ -47,7 +42,7 @@ def white_balance(temperature_k: float) -> Float64[ndarray, "3"]:
     A linear fit in the logarithm of the temperature to the colour of a black body, enough for a tint.
     """
     x = np.log(temperature_k / 6500.0)
-    return np.exp(np.array([-0.45, 0.0, 0.65]) * x)
+    return np.asarray(np.exp(np.array([-0.45, 0.0, 0.65]) * x))
 
 
 @lru_cache(maxsize=256)

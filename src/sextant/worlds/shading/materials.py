@@ -11,7 +11,8 @@ from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, keep, smoo
 from sextant.worlds.surfaces import BLUE, BLUE2, COS, GREEN, GREEN2, KIND, P0, RED, RED2, SEED, SIN, Kind, X, Y, Z
 
 (
-    PLAIN, FACADE, ROOF, ROAD, PAVEMENT, GRASS, KERB, BARK, LEAVES, CONIFER, CAR, HEDGE, SIGN, LAMP, PERSON, FIELD, AWNING, FENCE,
+    PLAIN, FACADE, ROOF, ROAD, PAVEMENT, GRASS, KERB, BARK, LEAVES, CONIFER, CAR, HEDGE, SIGN, LAMP, PERSON, FIELD,
+    AWNING, FENCE,
 ) = (int(kind) for kind in list(Kind)[:WALL])  # fmt: skip
 
 
@@ -67,6 +68,78 @@ def leaves(row, triangle, px, py, pz, look):
 
 
 @compiled
+def roof(row, u, w, oz, nz, seed, footprint):
+    """Brightness of courses of tiles, or of gravel on a flat roof."""
+    if row[P0] > 0.5:
+        return 0.85 + 0.3 * fractal_noise(u * 0.4, w * 0.4, seed, 2)
+    slope = sqrt(max(1.0 - nz * nz, 1e-4))
+    course = floor(oz / slope / 0.32)
+    tile = floor(u / 0.26 + 0.5 * (course % 2))
+    detail = keep(footprint, 0.2)
+    fv = oz / slope / 0.32 - course
+    k = 0.95 + 0.32 * detail * (hash3(tile, course, seed) - 0.5)
+    k -= 0.3 * detail * (1.0 - smoothstep(0.0, 0.25, fv))
+    return k * (0.82 + 0.3 * value_noise(u * 0.6, oz * 0.9, seed))
+
+
+@compiled
+def needles(triangle, x, y, z, footprint):
+    """Brightness of a conifer."""
+    k = 0.55 + 0.6 * hash3(triangle, 93, 0) * keep(footprint, 0.8)
+    return k + 0.25 * value_noise(x * 6.0 + z * 3.0, y * 6.0 + z * 5.0, 94)
+
+
+@compiled
+def hedge(row, u, w, oz, seed, footprint, look):
+    """Albedo of a clipped hedge, a little browner in autumn."""
+    k = 0.45 + 0.55 * value_noise(u * 7.0 + w * 3.0, oz * 7.0 + w * 5.0, seed)
+    k += 0.35 * keep(footprint, 0.12) * (hash3(floor(u * 12.0), floor(oz * 12.0), floor(w * 12.0)) - 0.4)
+    brown = 0.5 * look[AUTUMN]
+    return k * (row[RED] + 0.05 * brown), k * (row[GREEN] - 0.02 * brown), k * row[BLUE]
+
+
+@compiled
+def bark(x, y, z, footprint):
+    """Brightness of a trunk."""
+    return 0.6 + 0.8 * value_noise(x * 14.0 + y * 9.0, z * 2.5, 95) * (0.4 + 0.6 * keep(footprint, 0.1))
+
+
+@compiled
+def sign(row, u, oz, seed):
+    """Albedo of a traffic sign: a bar on a white disc, a plain triangle, or a line of letters on a board."""
+    style = int(row[P0])
+    if style == 0 and sqrt(u * u + oz * oz) < 0.22:
+        if abs(oz) < 0.05 and abs(u) < 0.14:
+            return 0.04, 0.04, 0.04
+        return 0.75, 0.75, 0.75
+    if style == 2 and abs(oz) < 0.06 and abs(u) < 0.3 and hash3(floor(u * 16.0), 97, seed) > 0.25:
+        return 0.8, 0.8, 0.8
+    return row[RED], row[GREEN], row[BLUE]
+
+
+@compiled
+def person(row, oz):
+    """Albedo of somebody at a height: hair, skin, coat, trousers."""
+    height = row[P0]
+    if oz > 0.95 * height:
+        return 0.05, 0.035, 0.025
+    if oz > 0.86 * height:
+        return 0.42, 0.27, 0.19
+    if oz < 0.48 * height:
+        return row[RED2], row[GREEN2], row[BLUE2]
+    return row[RED], row[GREEN], row[BLUE]
+
+
+@compiled
+def fence(u, seed, footprint):
+    """Brightness of upright boards with gaps between them."""
+    k = 0.75 + 0.4 * hash3(floor(u / 0.12), 98, seed) * keep(footprint, 0.12)
+    if u / 0.12 - floor(u / 0.12) < 0.12:
+        k *= 1.0 - 0.5 * keep(footprint, 0.1)
+    return k
+
+
+@compiled
 def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footprint, look):
     """What is seen of surface ``row`` at world ``(x, y, z)`` with unit normal ``n`` along the unit ray ``d``.
 
@@ -80,6 +153,7 @@ def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footpri
     r, g, b = row[RED], row[GREEN], row[BLUE]
     er, eg, eb, gloss, sunlit, wheel = 0.0, 0.0, 0.0, 0.0, 1.0, 0.0
     seed = int(row[SEED] * 16777216.0)
+    shade = 1.0
     if kind == FACADE:
         r, g, b, er, eg, eb, gloss, sunlit = facade(
             row, u, oz, c * dx + s * dy, dz, dx * nx + dy * ny + dz * nz,
@@ -88,87 +162,41 @@ def material(row, triangle, x, y, z, nx, ny, nz, dx, dy, dz, sx, sy, sz, footpri
     elif kind == ROAD:
         r, g, b, wheel = road(row, u, w, x, y, footprint, look)
     elif kind == PAVEMENT:
-        r, g, b = pavement(u, w, 30 + int(row[SEED] * 4.0), footprint, look)
+        r, g, b = pavement(u, w, 30 + int(row[SEED] * 4.0), footprint)
     elif kind == GRASS:
         r, g, b = grass(x, y, footprint, look)
     elif kind == FIELD:
         r, g, b = field(x, y, footprint, look)
     elif kind == PLAIN:
         gloss = row[P0]
-        k = 0.94 + 0.12 * value_noise((u + w) * 2.0, oz * 2.0 + u, seed)
-        r, g, b = r * k, g * k, b * k
+        shade = 0.94 + 0.12 * value_noise((u + w) * 2.0, oz * 2.0 + u, seed)
     elif kind == ROOF:
-        if row[P0] < 0.5:
-            slope = sqrt(max(1.0 - nz * nz, 1e-4))
-            course = floor(oz / slope / 0.32)
-            tile = floor(u / 0.26 + 0.5 * (course % 2))
-            detail = keep(footprint, 0.2)
-            fv = oz / slope / 0.32 - course
-            k = (
-                0.95
-                + 0.32 * detail * (hash3(tile, course, seed) - 0.5)
-                - 0.3 * detail * (1.0 - smoothstep(0.0, 0.25, fv))
-            )
-            k *= 0.82 + 0.3 * value_noise(u * 0.6, oz * 0.9, seed)
-        else:
-            k = 0.85 + 0.3 * fractal_noise(u * 0.4, w * 0.4, seed, 2)
-        r, g, b = r * k, g * k, b * k
+        shade = roof(row, u, w, oz, nz, seed, footprint)
     elif kind == LEAVES:
         r, g, b = leaves(row, triangle, ox, oy, oz, look)
     elif kind == CONIFER:
-        k = (
-            0.55
-            + 0.6 * hash3(triangle, 93, 0) * keep(footprint, 0.8)
-            + 0.25 * value_noise(x * 6.0 + z * 3.0, y * 6.0 + z * 5.0, 94)
-        )
-        r, g, b = r * k, g * k, b * k
+        shade = needles(triangle, x, y, z, footprint)
     elif kind == HEDGE:
-        k = (
-            0.45
-            + 0.55 * value_noise(u * 7.0 + w * 3.0, oz * 7.0 + w * 5.0, seed)
-            + 0.35 * keep(footprint, 0.12) * (hash3(floor(u * 12.0), floor(oz * 12.0), floor(w * 12.0)) - 0.4)
-        )
-        brown = 0.5 * look[AUTUMN]
-        r, g, b = k * (r + 0.05 * brown), k * (g - 0.02 * brown), k * b
+        r, g, b = hedge(row, u, w, oz, seed, footprint, look)
     elif kind == BARK:
-        k = 0.6 + 0.8 * value_noise(x * 14.0 + y * 9.0, z * 2.5, 95) * (0.4 + 0.6 * keep(footprint, 0.1))
-        r, g, b = r * k, g * k, b * k
+        shade = bark(x, y, z, footprint)
     elif kind == CAR:
         r, g, b, er, eg, eb, gloss = car(row, u, w, oz, nz, look)
     elif kind == KERB:
-        k = 0.9 + 0.2 * value_noise(u * 3.0 + w, w * 3.0, 96)
-        r, g, b = r * k, g * k, b * k
+        shade = 0.9 + 0.2 * value_noise(u * 3.0 + w, w * 3.0, 96)
     elif kind == LAMP:
-        e = 6.0 * look[NIGHT]
-        er, eg, eb = e, 0.74 * e, 0.42 * e
+        er = 6.0 * look[NIGHT]
+        eg, eb = 0.74 * er, 0.42 * er
     elif kind == SIGN:
-        style = int(row[P0])
-        if style == 0:
-            d = sqrt(u * u + oz * oz)
-            if d < 0.22:
-                r, g, b = 0.75, 0.75, 0.75
-                if abs(oz) < 0.05 and abs(u) < 0.14:
-                    r, g, b = 0.04, 0.04, 0.04
-        elif style == 2:
-            if abs(oz) < 0.06 and abs(u) < 0.3 and hash3(floor(u * 16.0), 97, seed) > 0.25:
-                r, g, b = 0.8, 0.8, 0.8
+        r, g, b = sign(row, u, oz, seed)
         gloss = 0.05
     elif kind == PERSON:
-        height = row[P0]
-        if oz > 0.86 * height:
-            r, g, b = 0.42, 0.27, 0.19
-            if oz > 0.95 * height:
-                r, g, b = 0.05, 0.035, 0.025
-        elif oz < 0.48 * height:
-            r, g, b = row[RED2], row[GREEN2], row[BLUE2]
+        r, g, b = person(row, oz)
     elif kind == AWNING:
         if floor(u / 0.3) % 2 == 0:
             r, g, b = row[RED2], row[GREEN2], row[BLUE2]
     elif kind == FENCE:
-        k = 0.75 + 0.4 * hash3(floor(u / 0.12), 98, seed) * keep(footprint, 0.12)
-        if u / 0.12 - floor(u / 0.12) < 0.12:
-            k *= 1.0 - 0.5 * keep(footprint, 0.1)
-        r, g, b = r * k, g * k, b * k
+        shade = fence(u, seed, footprint)
     elif kind >= WALL:
-        r, g, b, er, eg, eb, gloss = interior(row, kind, u, w, oz, nx, ny, nz, dx, dy, dz, footprint, look)
-    return r, g, b, er, eg, eb, gloss, sunlit, wheel
+        r, g, b, er, eg, eb, gloss = interior(row, kind, u, w, oz, nz, dx, dy, dz, footprint, look)
+    return r * shade, g * shade, b * shade, er, eg, eb, gloss, sunlit, wheel
