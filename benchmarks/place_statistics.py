@@ -192,7 +192,7 @@ def ranking_tau(first: PlaceStatistics, second: PlaceStatistics) -> float:
 
 def _read_array(path: Path) -> np.ndarray:
     try:
-        images = np.load(path, mmap_mode="r", allow_pickle=False)
+        images: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError) as error:
         raise UserError(f"{path} cannot be read: {error}") from error
     if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:

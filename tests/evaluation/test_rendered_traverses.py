@@ -1,4 +1,4 @@
-"""The statistics on rendered drives, where the truth is known: all is recalled if nothing changes, chance if shuffled."""
+"""The statistics on rendered drives: all is recalled if nothing changes, chance if the labels are shuffled."""
 
 import numpy as np
 import pytest

@@ -232,6 +232,29 @@ class Renderer:
             distance[at] = further
         return triangle, distance
 
+    def _ask_sun(
+        self,
+        triangle: Int32[ndarray, "r"],
+        at: Int64[ndarray, "k"],
+        starts: Float32[ndarray, "k 3"],
+        look: Float64[ndarray, "l"],
+        samples: int,
+        sunny: UInt8[ndarray, "r"],
+    ) -> None:
+        """Sets ``sunny`` for the rays ``at``. Where a pixel shows one triangle and its corners agree, the rest is spared."""
+
+        def cast(chosen: Int64[ndarray, "c"] | slice) -> None:
+            to_sun = np.empty_like(starts[chosen])
+            to_sun[:] = look[:3]
+            sunny[at[chosen]] = self.scene.blocked(starts[chosen], to_sun) == MISS
+
+        if samples == 1:
+            cast(slice(None))
+            return
+        chosen = np.empty(len(at), np.int64)
+        cast(chosen[: kernels.corner_rays(triangle, at, samples, chosen)])
+        cast(chosen[: kernels.inner_rays(triangle, at, samples, sunny, chosen)])
+
     def _light(
         self,
         origins: Float32[ndarray, "r 3"],
@@ -242,6 +265,8 @@ class Renderer:
         pixel: float,
         number: Int64[ndarray, "r"],
         samples: int,
+        *,
+        grouped: bool = True,
     ) -> tuple[Float32[ndarray, "r 3"], Float32[ndarray, "r"]]:
         """Radiance along each ray, and the share that wet ground mirrors; asks which points see the sun and the sky."""
         scene, n = self.scene, len(origins)
@@ -250,10 +275,7 @@ class Renderer:
         count = kernels.shadow_rays(
             origins, directions, triangle, distance, scene.normals, scene.surface, scene.surfaces, look, at, starts
         )
-        if count:
-            to_sun = np.empty((count, 3), np.float32)
-            to_sun[:] = look[:3]
-            sunny[at[:count]] = scene.blocked(starts[:count], to_sun) == MISS
+        self._ask_sun(triangle, at[:count], starts[:count], look, samples if grouped else 1, sunny)
         open_sky = np.full(n, -1.0, np.float32)
         if self.soft:
             ways = np.empty((n, 3), np.float32)
@@ -289,7 +311,7 @@ class Renderer:
         if count:
             at, starts, ways = at[:count], starts[:count], ways[:count]
             triangle, onward = self._meet(starts, ways, 3 * pixel)
-            seen, _ = self._light(starts, ways, triangle, onward, look, 3 * pixel, number[at], samples)
+            seen, _ = self._light(starts, ways, triangle, onward, look, 3 * pixel, number[at], samples, grouped=False)
             radiance[at] += mirror[at, None] * np.minimum(seen, 4.0)
 
 

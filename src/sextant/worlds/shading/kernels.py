@@ -129,6 +129,45 @@ def shadow_rays(origins, directions, triangle, distance, normals, surface, surfa
 
 
 @compiled
+def one_surface(triangle, i, samples):
+    """Whether all rays of the pixel of ray ``i`` met one triangle."""
+    first = i // samples * samples
+    for k in range(1, samples):
+        if triangle[first + k] != triangle[first]:
+            return False
+    return True
+
+
+@compiled
+def corner_rays(triangle, at, samples, chosen):
+    """Which of the rays ``at`` are cast at the sun first: of a pixel on one triangle its first and last, else all."""
+    count = 0
+    for j in range(at.shape[0]):
+        sample = at[j] % samples
+        if sample == 0 or sample == samples - 1 or not one_surface(triangle, at[j], samples):
+            chosen[count] = j
+            count += 1
+    return count
+
+
+@compiled
+def inner_rays(triangle, at, samples, sunny, chosen):
+    """The rays that ``corner_rays`` left out: lit as the corners of their pixel where these agree; returns the rest."""
+    count = 0
+    for j in range(at.shape[0]):
+        sample = at[j] % samples
+        if sample == 0 or sample == samples - 1 or not one_surface(triangle, at[j], samples):
+            continue
+        first = at[j] - sample
+        if sunny[first] == sunny[first + samples - 1]:
+            sunny[at[j]] = sunny[first]
+        else:
+            chosen[count] = j
+            count += 1
+    return count
+
+
+@compiled
 def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, number, samples, at, starts, ways):
     """One ray from each point that was met, by the cosine law about its normal: does it see the sky? Returns how many.
 
