@@ -35,7 +35,7 @@ def test_a_straight_drive_is_in_the_right_hand_lane_and_a_walk_on_the_right_hand
         walk(graph, [0, 1], seed=0, gait=replace(STEADY, speed_mps=1.4)),
     )
     assert np.allclose(driven.poses[:, 1:], [-2, 0])
-    assert np.allclose(walked.poses[:, 1:], [-5.2, 0])
+    assert np.allclose(walked.poses[:, 1:], [-6.1, 0])
     assert np.allclose(drive(graph, [1, 0], seed=0, gait=STEADY).poses[:, 1], 2)
     assert driven.poses[-1, 0] == pytest.approx(200, abs=0.5)
 
