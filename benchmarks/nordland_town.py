@@ -22,12 +22,18 @@ SETTINGS: dict[str, Any] = {
     "samples": 9,
     "step_m": 6.0,
     "lateral_sigma_m": 0.08,
-    "heading_sigma_deg": 0.9,
+    "heading_sigma_deg": 1.4,
     "block_m": 90.0,
-    "density": 0.5,
+    "density": 0.6,
     "conditions": [
-        {"name": "summer", "condition": "summer_noon", "sun_elevation_deg": 44, "sun_azimuth_deg": 150},
-        {"name": "winter", "condition": "winter_noon", "cloud_cover": 0.9},
+        {
+            "name": "summer",
+            "condition": "summer_noon",
+            "sun_elevation_deg": 49,
+            "sun_azimuth_deg": 150,
+            "read_noise": 0.01,
+        },
+        {"name": "winter", "condition": "winter_noon", "cloud_cover": 0.9, "cars_moved": 0.1, "read_noise": 0.01},
     ],
 }
 

@@ -36,12 +36,12 @@ class Side:
     end: Float64[ndarray, "2"]
     block: int
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Metres."""
-        return float(np.linalg.norm(self.end - self.start))
+        return float(np.hypot(*(self.end - self.start)))
 
-    @property
+    @cached_property
     def along(self) -> Float64[ndarray, "2"]:
         """Unit vector from start to end."""
         return np.asarray((self.end - self.start) / self.length)
@@ -53,8 +53,8 @@ class Side:
 
     def at(self, s: float, left: float) -> Float64[ndarray, "2"]:
         """The point ``s`` metres along and ``left`` metres into the lot."""
-        x, y = self.along
-        return np.asarray(self.start + s * self.along + left * np.array([-y, x]))
+        (x, y), (u, v) = self.start.tolist(), self.along.tolist()
+        return np.array([x + s * u - left * v, y + s * v + left * u])
 
 
 class Ground:

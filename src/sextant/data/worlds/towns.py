@@ -60,7 +60,10 @@ class _TownPlan(WorldPlan):
 
 
 def town_seed(seed: int, scene: int) -> int:
-    """The seed of one town of a dataset: no two scenes of any two datasets below a million share one."""
+    """The seed of one town: scenes of one dataset have different ones, and so have datasets of different ``seed``.
+
+    Two kinds of dataset with the same ``seed`` share texture seeds, but not streets or splits.
+    """
     return seed * 1000 + scene
 
 
