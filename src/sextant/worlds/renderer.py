@@ -241,7 +241,7 @@ class Renderer:
         samples: int,
         sunny: UInt8[ndarray, "r"],
     ) -> None:
-        """Sets ``sunny`` for the rays ``at``. Where a pixel shows one triangle and its corners agree, the rest is spared."""
+        """Sets ``sunny`` for the rays ``at``, sparing those of a pixel on one triangle whose corners agree."""
 
         def cast(chosen: Int64[ndarray, "c"] | slice) -> None:
             to_sun = np.empty_like(starts[chosen])
