@@ -2,7 +2,7 @@
 
 import pytest
 
-from sextant.cli.assemble import build, build_source
+from sextant.cli.assemble import build, build_dataset
 from sextant.cli.compose import compose, conf_dir, groups, to_plain
 from sextant.config import validate
 
@@ -25,7 +25,7 @@ def test_composes_validates_and_builds(group, option):
     raw = to_plain(compose([choice, *NEEDED.get(choice, [])]))
     config = validate(raw)
     if group == "dataset":
-        assert build_source(raw, config).name == option
+        assert build_dataset(raw, config).name == option
     elif group == "backbone":
         assert build(raw, group, in_channels=1, image_size=(28, 28), num_classes=10) is not None
     elif group not in NOT_BUILT:
