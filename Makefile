@@ -28,7 +28,7 @@ report: $(READY) ## the report of a sweep: make report SWEEP=demo
 	$(BIN)/python report.py sweep=$(or $(SWEEP),demo)
 
 worlds-gallery: $(READY) ## pictures of the town and the office for the docs, about 5 minutes
-	$(BIN)/sextant data gallery folder=docs/worlds samples=25
+	$(BIN)/sextant data gallery folder=docs/worlds samples=16
 
 dashboard: $(READY) ## bring the MLflow store up to date and open it on this machine
 	$(BIN)/sextant dashboard
