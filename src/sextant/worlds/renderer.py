@@ -199,7 +199,7 @@ class Renderer:
                 own = slice(i * count, (i + 1) * count)
                 kernels.world_rays(poses[i], rays.bearings[cast], start, shift[i], origins[own], directions[own])
             met, far = self._meet(origins, directions, rays.pixel)
-            number = np.tile(np.arange(cast.start, cast.stop), n)  # of each ray in its own view
+            number = np.tile(np.arange(cast.start, cast.stop, dtype=np.int32), n)  # of each ray in its own view
             light, mirror = self._light(origins, directions, met, far, look, rays.pixel, number, samples)
             if look[WET] > 0:
                 self._reflect(origins, directions, far, light, mirror, look, rays.pixel, number, samples)
@@ -243,17 +243,15 @@ class Renderer:
     ) -> None:
         """Sets ``sunny`` for the rays ``at``, sparing those of a pixel on one triangle whose corners agree."""
 
-        def cast(chosen: Int64[ndarray, "c"] | slice) -> None:
-            to_sun = np.empty_like(starts[chosen])
-            to_sun[:] = look[:3]
-            sunny[at[chosen]] = self.scene.blocked(starts[chosen], to_sun) == MISS
-
+        to_sun = np.empty_like(starts)
+        to_sun[:] = look[:3]
         if samples == 1:
-            cast(slice(None))
+            sunny[at] = self.scene.blocked(starts, to_sun) == MISS
             return
-        chosen = np.empty(len(at), np.int64)
-        cast(chosen[: kernels.corner_rays(triangle, at, samples, chosen)])
-        cast(chosen[: kernels.inner_rays(triangle, at, samples, sunny, chosen)])
+        chosen, froms = np.empty(len(at), np.int64), np.empty_like(starts)
+        for choose in (kernels.corner_rays, kernels.inner_rays):
+            count = choose(triangle, at, starts, samples, sunny, chosen, froms)
+            sunny[chosen[:count]] = self.scene.blocked(froms[:count], to_sun[:count]) == MISS
 
     def _light(
         self,
@@ -263,7 +261,7 @@ class Renderer:
         distance: Float64[ndarray, "r"],
         look: Float64[ndarray, "l"],
         pixel: float,
-        number: Int64[ndarray, "r"],
+        number: Int32[ndarray, "r"],
         samples: int,
         *,
         grouped: bool = True,
@@ -301,7 +299,7 @@ class Renderer:
         mirror: Float32[ndarray, "r"],
         look: Float64[ndarray, "l"],
         pixel: float,
-        number: Int64[ndarray, "r"],
+        number: Int32[ndarray, "r"],
         samples: int,
     ) -> None:
         """Adds what wet ground mirrors, by one more cast."""

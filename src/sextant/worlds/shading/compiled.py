@@ -18,13 +18,18 @@ _SOURCE = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(_HERE.glo
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """``function`` as machine code: releases the interpreter's lock, keeps IEEE arithmetic (no reordering)."""
+    """``function`` as machine code: releases the interpreter's lock, keeps IEEE arithmetic (no reordering).
+
+    Arrays are not reference-counted within: a row of a table that all threads read would have them fight over its
+    counter, for a third of the shading time. So no function here may make an array.
+    """
     before = _SETTINGS.CACHE_DIR
     if not before:
         _SETTINGS.CACHE_DIR = str(_HERE / "__pycache__" / _SOURCE)
+    options = {"nogil": True, "error_model": "numpy", "_nrt": False}
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # nowhere to keep it: compile in every process
-        return numba.njit(nogil=True, error_model="numpy")(function)
+        return numba.njit(**options)(function)
     finally:
         _SETTINGS.CACHE_DIR = before

@@ -1,6 +1,6 @@
 """The inner loops of the renderer: rays of a view, shadow rays, shading, and the development of the picture."""
 
-from math import cos, exp, floor, log, pi, pow, sin, sqrt
+from math import cos, exp, floor, log, pi, sin, sqrt
 
 from sextant.worlds.shading.compiled import compiled
 from sextant.worlds.shading.ground import puddle
@@ -139,20 +139,24 @@ def one_surface(triangle, i, samples):
 
 
 @compiled
-def corner_rays(triangle, at, samples, chosen):
-    """Which of the rays ``at`` are cast at the sun first: of a pixel on one triangle its first and last, else all."""
+def corner_rays(triangle, at, starts, samples, sunny, chosen, froms):
+    """Which of the rays ``at`` are cast at the sun first: of a pixel on one triangle its first and last, else all.
+
+    Their numbers go into ``chosen`` and their ``starts`` into ``froms``; returns how many.
+    """
     count = 0
     for j in range(at.shape[0]):
         sample = at[j] % samples
         if sample == 0 or sample == samples - 1 or not one_surface(triangle, at[j], samples):
-            chosen[count] = j
+            chosen[count] = at[j]
+            froms[count, 0], froms[count, 1], froms[count, 2] = starts[j, 0], starts[j, 1], starts[j, 2]
             count += 1
     return count
 
 
 @compiled
-def inner_rays(triangle, at, samples, sunny, chosen):
-    """The rays that ``corner_rays`` left out: lit as the corners of their pixel where these agree; returns the rest."""
+def inner_rays(triangle, at, starts, samples, sunny, chosen, froms):
+    """The rays that ``corner_rays`` left out: lit as the corners of their pixel where these agree, else ``chosen``."""
     count = 0
     for j in range(at.shape[0]):
         sample = at[j] % samples
@@ -162,7 +166,8 @@ def inner_rays(triangle, at, samples, sunny, chosen):
         if sunny[first] == sunny[first + samples - 1]:
             sunny[at[j]] = sunny[first]
         else:
-            chosen[count] = j
+            chosen[count] = at[j]
+            froms[count, 0], froms[count, 1], froms[count, 2] = starts[j, 0], starts[j, 1], starts[j, 2]
             count += 1
     return count
 
@@ -269,7 +274,7 @@ def shade(
                 dark = 1.0 - look[WET] * (0.38 + 0.2 * water)
                 r, g, b = r * dark, g * dark, b * dark
                 if nz > 0.95 and z < 0.5:
-                    fresnel = 0.02 + 0.98 * pow(1.0 + along, 5.0)
+                    fresnel = 0.02 + 0.98 * (1.0 + along) ** 5
                     mirrored = look[WET] * (0.35 + 0.65 * water) * clamp(fresnel * 1.3, 0.0, 0.85)
         low = 0.62 + 0.38 * smoothstep(0.0, 5.0, z)  # the street canyon hides part of the sky
         if nz > 0.5:
@@ -311,7 +316,7 @@ def shade(
         if gloss > 0.0:
             k = -2.0 * along
             mx, my, mz = dx + k * nx, dy + k * ny, dz + k * nz
-            fresnel = 0.06 + 0.94 * pow(1.0 + along, 5.0)
+            fresnel = 0.06 + 0.94 * (1.0 + along) ** 5
             share = clamp(gloss * fresnel * 1.7, 0.0, 0.9)
             if mz > 0.0:
                 hr, hg, hb = sky(mx, my, mz, look, False)
