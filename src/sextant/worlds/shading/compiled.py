@@ -26,7 +26,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     before = _SETTINGS.CACHE_DIR
     if not before:
         _SETTINGS.CACHE_DIR = str(_HERE / "__pycache__" / _SOURCE)
-    options = {"nogil": True, "error_model": "numpy", "_nrt": False}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # nowhere to keep it: compile in every process
