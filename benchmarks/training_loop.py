@@ -47,14 +47,16 @@ def _ours(raw: dict) -> float:
 
 def _plain(raw: dict) -> float:
     """What ``fit`` does and nothing else: read the data, train, validate once an epoch."""
-    from sextant.cli.assemble import build, build_data, build_source
+    from sextant.cli.assemble import build
+    from sextant.cli.families import family_of
     from sextant.config import validate
 
     config = validate(raw)
-    source = build_source(raw, config)
+    family = family_of(config)
+    source = family.source(raw, config)
     began = time.monotonic()
     torch.manual_seed(config.seed)
-    data = build_data(source, config)
+    data = family.data(raw, config, source)
     data.setup("fit")
     spec = source.spec()
     network = build(

@@ -8,10 +8,11 @@ from statistics import median
 import numpy as np
 import torch
 
-from sextant.data.worlds.shots import camera_poses, camera_rays
+from sextant.data.worlds.shots import camera_poses
 from sextant.data.worlds.towns import perspective, street_poses
 from sextant.geometry import EquirectangularCamera
 from sextant.worlds.appearance import condition
+from sextant.worlds.renderer import Rays
 from sextant.worlds.street_layouts import irregular_streets
 from sextant.worlds.town import Town
 
@@ -41,7 +42,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
         ("street view 96x64", perspective(96, 64, 55), 32),
     ):
         for samples in (1, 4):
-            rays, some = camera_rays(camera, samples), poses[:views]
+            rays, some = Rays.of_camera(camera, samples), poses[:views]
             origins = np.repeat(some[:, :3, 3], len(rays.bearings), axis=0).astype(np.float32)
             directions = np.concatenate([rays.bearings @ pose[:3, :3].T for pose in some]).astype(np.float32)
             bare = _seconds(lambda o=origins, d=directions: renderer.scene.hit(o, d), 5) / views

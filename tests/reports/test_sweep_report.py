@@ -9,6 +9,7 @@ from scipy import stats
 
 from sextant.errors import UserError
 from sextant.reports.contrasts import contrasts
+from sextant.reports.measure import CALIBRATION_ERRORS
 from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
@@ -124,7 +125,7 @@ def test_the_written_report(sweep):
 def test_arms_tested_on_other_images_and_conditions_are_compared_by_what_they_share(sweep):
     results, _ = sweep
     cells = [
-        replace(cell, correct={"clean": cell.correct["clean"][:50]}) if cell.cell.arm == "b" and cell.correct else cell
+        replace(cell, values={"clean": cell.values["clean"][:50]}) if cell.cell.arm == "b" and cell.values else cell
         for cell in results.cells
     ]
     results = replace(results, cells=cells)
@@ -137,7 +138,7 @@ def test_arms_tested_on_other_images_and_conditions_are_compared_by_what_they_sh
 def test_a_run_that_a_nan_stopped_is_a_dropped_pair(sweep):
     results, _ = sweep
     lost = [
-        replace(c, outcome="diverged", correct={}) if (c.cell.arm, c.cell.pair) == ("b", 0) else c
+        replace(c, outcome="diverged", values={}) if (c.cell.arm, c.cell.pair) == ("b", 0) else c
         for c in results.cells
     ]
     (row,) = (r for r in contrasts(replace(results, cells=lost)) if (r.contrast, r.condition) == ("effect", "clean"))
@@ -157,3 +158,30 @@ def test_tables_and_numbers():
     assert table.csv() == "a|b,c\n1 %,x_y\n"
     assert "1 \\% & x\\_y \\\\" in table.latex()
     assert [number(1.005, sign=True), number(float("nan")), interval(-1, 2, 1)] == ["+1.00", "–", "[-1.0, 2.0]"]
+
+
+def test_runs_of_calibration_are_compared_by_median_errors(tmp_path):
+    rng = np.random.default_rng(1)
+    cells, errors = [], {}
+    for arm, scale in (("l2", 2.0), ("bearing", 1.0)):
+        for pair in range(SEEDS):
+            run = RunDirectory(tmp_path / "runs" / "calibration" / f"{arm}-s{pair}")
+            cells.append(Cell({"task": "calibration"}, arm, pair, pair, arm, run.path.relative_to(tmp_path).as_posix()))
+            run.path.mkdir(parents=True)
+            found = scale * np.abs(rng.standard_cauchy(101))  # no mean, but a median
+            found[:3] = np.nan
+            errors[arm, pair] = np.median(np.where(np.isnan(found), np.inf, found))
+            np.savez_compressed(run.arrays, **{f"{key}/network": found for key in CALIBRATION_ERRORS})
+            write_json(run.metrics, {"outcome": "finished", "metrics": {}, "timing": {"fit_s": 1.0}, "parameters": 7})
+    directory = SweepPlan("made_up", {}, ["sweep=made_up"], cells).write(tmp_path)
+    results = load_results(directory, tmp_path)
+    assert results.measure.better == "lower"
+    row = next(row for row in contrasts(results) if row.condition == "tilt (deg)")
+    expected = [errors["bearing", pair] - errors["l2", pair] for pair in range(SEEDS)]
+    assert row.paired.mean == pytest.approx(np.mean(expected))
+    low, high = stats.t.interval(0.95, SEEDS - 1, np.mean(expected), stats.sem(expected))
+    assert (row.paired.low, row.paired.high) == pytest.approx((low, high))
+    write_report(results)
+    text = (directory / "report" / "report.md").read_text()
+    assert "Median errors on the test split" in text
+    assert "lower is better" in text

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds.handmade import OVERCAST, box, floor, pose, rectangle, renderer, small_town, town_renderer, undeveloped
 
-from sextant.data.worlds.shots import camera_poses, camera_rays
+from sextant.data.worlds.shots import camera_poses
 from sextant.geometry import (
     EquirectangularCamera,
     PerspectiveCamera,
@@ -131,7 +131,7 @@ def test_the_foot_of_the_horizon_is_rho_from_the_centre_to_a_hundredth_of_a_pixe
 def test_every_pixel_is_on_its_side_of_the_horizon(tilt, roll, k1):
     camera = lens(96, 72, 65, k1)
     eye = camera_poses(np.array([[10.0, -4.0, 1.6, 2.0, tilt, roll]]))[0]
-    rays = camera_rays(camera, 1)
+    rays = Rays.of_camera(camera, 1)
     view = SEA.view(rays, eye, OVERCAST)
     # without distortion the horizon is the line a u + b v + c = 0
     ideal = float(camera.focal) * rays.bearings[:, :2] / rays.bearings[:, 2:]
@@ -155,7 +155,7 @@ def test_every_pixel_is_on_its_side_of_the_horizon(tilt, roll, k1):
 def test_depth_is_that_of_planes_in_closed_form(away, k1):
     camera = lens(64, 48, 65, k1)
     eye = camera_poses(np.array([[away + 0.123, -17.771 - away, 1.61, 0.7, -0.1, 0.2]]))[0]
-    rays = camera_rays(camera, 1)
+    rays = Rays.of_camera(camera, 1)
     ways, place = rays.bearings @ eye[:3, :3].T, eye[:3, 3]
     view = renderer(floor(8192.0)).view(rays, eye, OVERCAST)
     hit = np.isfinite(view.distance_m.ravel())
@@ -176,7 +176,7 @@ def test_depth_is_that_of_planes_in_closed_form(away, k1):
 def test_distance_is_of_the_first_sample_of_a_pixel():
     camera, drawer = lens(16, 12, 60), renderer(floor())
     eye = camera_poses(np.array([[0.0, 0, 1.6, 0, -0.4, 0]]))[0]
-    rays = camera_rays(camera, 4)
+    rays = Rays.of_camera(camera, 4)
     view = drawer.view(rays, eye, OVERCAST)
     first = rays.bearings[::4] @ eye[:3, :3].T
     sure = first[:, 2] < -0.01
@@ -192,7 +192,7 @@ def test_a_panorama_and_a_picture_agree_along_the_same_rays():
     graph = small_town().graph
     middle = graph.nodes[graph.edges[0]].mean(0)
     eye = camera_poses(np.array([[*middle, 1.6, 0.4, 0.05, 0.1]]))[0]
-    all_rays = camera_rays(panorama, 1)
+    all_rays = Rays.of_camera(panorama, 1)
     whole = drawer.view(all_rays, eye, OVERCAST)
     at, visible = camera.project(panorama.bearings(panorama.pixel_centres(dtype=torch.float64)))
     seen = (visible & camera.contains(at)).numpy()
@@ -235,7 +235,7 @@ def test_wet_or_dark_the_geometry_is_the_same():
     drawer = town_renderer(Appearance())
     graph = small_town().graph
     eye = camera_poses(np.array([[*graph.nodes[graph.edges[2]].mean(0), 1.6, 0.4, 0.0, 0.0]]))[0]
-    rays = camera_rays(lens(48, 32, 60), 1)
+    rays = Rays.of_camera(lens(48, 32, 60), 1)
     day, night = (drawer.view(rays, eye, look) for look in (Appearance(), condition("night_rain")))
     assert np.array_equal(day.distance_m, night.distance_m)
     assert np.array_equal(day.surface, night.surface)

@@ -11,6 +11,7 @@ VERBS = {
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
     "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
+    "doctor": ("sextant.cli.doctor", "check the geometry, losses and crops of calibration on this machine"),
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }
 

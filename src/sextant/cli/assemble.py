@@ -8,13 +8,10 @@ from hydra.errors import HydraException
 from hydra.utils import instantiate
 
 from sextant.config import Config
-from sextant.data.source import ImageSource, ImageSpec
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite
-    from sextant.data.datamodule import ImageData
-    from sextant.tasks.classification import Classification, OptimizerFactory
 
 
 def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
@@ -44,72 +41,31 @@ def build_dataset(raw: Mapping[str, Any], config: Config) -> Any:
     return build(raw, "dataset", roots=list(dict.fromkeys([Path(config.paths.data), Path(config.paths.cache)])))
 
 
-def build_source(raw: Mapping[str, Any], config: Config) -> ImageSource:
-    """The dataset as a source of labelled images.
-
-    Raises:
-        UserError: it has no labels, or cannot be built.
-    """
-    source = build_dataset(raw, config)
-    if not hasattr(source, "spec"):
-        name = getattr(source, "name", raw["dataset"].get("_target_"))
-        raise UserError(
-            f"dataset={name} holds no labelled images, which task=classification needs",
-            "Choose digits, mnist, fashion_mnist, cifar10 or image_folder; worlds are rendered by sextant data render.",
-        )
-    return source  # type: ignore[no-any-return]
+def build_suite(raw: Mapping[str, Any]) -> "CorruptionSuite":
+    """The test conditions."""
+    return build(raw, "corruption")  # type: ignore[no-any-return]
 
 
-def build_classification(
-    raw: Mapping[str, Any], spec: ImageSpec, *, log_every: int, training: bool
-) -> "Classification":
-    """The classification module; ``training=False`` leaves out optimiser and schedule."""
-    from sextant.tasks.classification import Classification
-
-    network = build(
-        raw,
-        "backbone",
-        in_channels=spec.channels,
-        image_size=(spec.height, spec.width),
-        num_classes=len(spec.classes),
-    )
-    suite: CorruptionSuite = build(raw, "corruption")
-    try:
-        network = build(raw, "inhibition")(network)
-    except ValueError as error:
-        raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
-    optimizer = build(raw, "optimizer")
+def build_training(raw: Mapping[str, Any], training: bool) -> dict[str, Any]:
+    """What a module trains with: ``optimizer`` and ``schedule``, both None unless ``training``, and ``log_every``."""
+    settings: dict[str, Any] = {"optimizer": None, "schedule": None, "log_every": raw["trainer"]["log_every"]}
     if training:
-        _try_optimizer(raw, optimizer)
-    return Classification(
-        network,
-        spec,
-        suite,
-        optimizer=optimizer if training else None,
-        schedule=build(raw, "schedule") if training else None,
-        log_every=log_every,
-    )
+        settings |= {"optimizer": build(raw, "optimizer"), "schedule": build(raw, "schedule")}
+        _try_optimizer(raw, settings["optimizer"])
+    return settings
 
 
-def _try_optimizer(raw: Mapping[str, Any], optimizer: "OptimizerFactory") -> None:
+def part_name(node: Mapping[str, Any]) -> str:
+    """The class that a config node names, with its settings."""
+    name = str(node["_target_"]).rsplit(".", 1)[-1]
+    settings = ", ".join(f"{key}={value}" for key, value in node.items() if not key.startswith("_"))
+    return f"{name}({settings})"
+
+
+def _try_optimizer(raw: Mapping[str, Any], optimizer: Any) -> None:
     from torch import nn
 
     try:
         optimizer([nn.Parameter()])
     except (TypeError, ValueError) as error:
         raise UserError(f"optimizer: {raw['optimizer']['_target_']} does not take these keys: {error}") from None
-
-
-def build_data(source: ImageSource, config: Config) -> "ImageData":
-    """The batches of a source."""
-    from sextant.data.datamodule import ImageData
-
-    return ImageData(
-        source,
-        batch_size=config.trainer.batch_size,
-        eval_batch_size=config.trainer.eval_batch_size,
-        validation_fraction=config.task.validation_fraction,
-        split_seed=config.task.split_seed,
-        seed=config.seed,
-        workers=config.trainer.workers,
-    )

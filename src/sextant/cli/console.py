@@ -1,7 +1,7 @@
 """What the commands print, and how a user's mistake is told."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -44,4 +44,14 @@ def key_value_table(title: str, rows: Mapping[str, str]) -> Table:
     table.add_column(overflow="fold")
     for key, value in rows.items():
         table.add_row(key, escape(value))
+    return table
+
+
+def rows_table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
+    """A table of rows with the same columns, the first one of names."""
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for i, column in enumerate(rows[0]):
+        table.add_column(column, justify="left" if i == 0 else "right")
+    for row in rows:
+        table.add_row(*map(escape, row.values()))
     return table

@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import OverrideParseException
 
-from sextant.cli.assemble import build_source
 from sextant.cli.compose import compose, default_outputs, groups, to_plain
-from sextant.cli.console import console
 from sextant.cli.execute import OpenMirror, run_once
+from sextant.cli.families import Source, family_of
 from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.cli.show import show_result
 from sextant.config import Config, digest, nearest, validate
@@ -19,14 +18,11 @@ from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.source_tree import source_sha256
 from sextant.tracking.environment import quiet_libraries
 
-if TYPE_CHECKING:
-    from sextant.data.source import ImageSource, ImageSpec
-
 USAGE = (
     "python evaluate.py run=<MLflow run id, run directory or checkpoint> [dataset=..] [corruption=..] [key=value ..]"
 )
 #: What may differ from training; the rest belongs to the weights.
-FREE = ("dataset", "corruption", "trainer", "tracking", "paths", "reuse")
+FREE = ("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse")
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -41,10 +37,11 @@ def main(arguments: Sequence[str]) -> None:
 
     content = load_checkpoint(found.checkpoint)
     raw, config = checkpoint_config(content[KEY], overrides)
-    source = build_source(raw, config)
-    from sextant.cli.training import spec_of, test_checkpoint
+    family = family_of(config)
+    source = family.source(raw, config)
+    family.require_fit(raw, content[KEY]["spec"], source)
+    from sextant.cli.training import test_checkpoint
 
-    require_fit(spec_of(content), source)
     key = _key(config, source, found)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
@@ -59,11 +56,9 @@ def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> t
     """The config of a checkpoint with ``overrides``, plain and typed.
 
     Raises:
-        UserError: the checkpoint is of another task, an override is wrong, or the checkpoint names an import path that
-            is not one of Sextant's: building it would run code that the file chose. ``trust=true`` allows it.
+        UserError: an override is wrong, or the checkpoint names an import path that is not one of Sextant's: building
+            it would run code that the file chose. ``trust=true`` allows it.
     """
-    if trained["task"] != "classification":
-        raise UserError(f"this is a {trained['task']} model; it cannot be used as a classifier")
     trust = "trust=true" in overrides
     raw = merge(trained["config"], [override for override in overrides if override != "trust=true"])
     config = validate(raw)
@@ -135,28 +130,7 @@ def _set(config: dict[str, Any], key: str, value: Any, text: str) -> None:
     node[last] = value
 
 
-def require_fit(spec: "ImageSpec", source: "ImageSource") -> None:
-    """Whether a model trained on ``spec`` can be tested on ``source``.
-
-    Raises:
-        UserError: the images have another shape or the number of classes differs.
-    """
-    found = source.spec()
-    if (found.channels, found.height, found.width) != (spec.channels, spec.height, spec.width):
-        raise UserError(
-            f"dataset={source.name} has images of {found.channels}x{found.height}x{found.width}, "
-            f"the model was trained on {spec.channels}x{spec.height}x{spec.width}",
-            "Choose a dataset of that shape; image_folder and digits take dataset.size",
-        )
-    if len(found.classes) != len(spec.classes):
-        raise UserError(
-            f"dataset={source.name} has {len(found.classes)} classes, the model was trained on {len(spec.classes)}"
-        )
-    if found.classes != spec.classes:
-        console.print(f"[yellow]the classes of dataset={source.name} have other names than those of training[/]")
-
-
-def _key(config: Config, source: "ImageSource", found: FoundRun) -> RunKey:
+def _key(config: Config, source: Source, found: FoundRun) -> RunKey:
     identity = digest({**config.model_dump(by_alias=True), "checkpoint": found.identity})
     code = source_sha256(config.custom_targets())
     return RunKey("evaluation", identity, config.seed, code, source.fingerprint())

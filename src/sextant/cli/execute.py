@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 
-from sextant.cli.assemble import build_source
 from sextant.cli.console import console
+from sextant.cli.families import Source, family_of
 from sextant.cli.resolve import resolve_run
 from sextant.config import Config, digest, validate
-from sextant.data.source import ImageSource
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.runs.atomic import write_atomically, write_json
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
@@ -47,7 +46,7 @@ class Outcome:
     message: str = ""
 
 
-def run_key(config: Config, source: ImageSource, seed: int | None = None) -> RunKey:
+def run_key(config: Config, source: Source, seed: int | None = None) -> RunKey:
     """Identity of the run that a config describes, with another seed if one is given."""
     code = source_sha256(config.custom_targets())
     return RunKey(
@@ -75,7 +74,7 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
         KeyboardInterrupt: the run was interrupted and can be resumed.
     """
     config = validate(raw)
-    source = build_source(raw, config)
+    source = family_of(config).source(raw, config)
     key = run_key(config, source)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:

@@ -73,15 +73,16 @@ def _classify(
 ) -> tuple[list[dict[str, Any]], list[tuple[np.ndarray, str]]]:
     import torch
 
-    from sextant.cli.training import model_from_checkpoint, spec_of
+    from sextant.cli.families.classification import image_spec
+    from sextant.cli.training import model_from_checkpoint
     from sextant.runs.checkpoint import KEY, load_checkpoint
 
     content = load_checkpoint(checkpoint)
-    spec = spec_of(content)
+    spec = image_spec(content[KEY]["spec"])
     if spec.height != spec.width:
         raise UserError(f"{checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to fit")
-    raw, _ = checkpoint_config(content[KEY], ["trust=true"] if trust else [])
-    module = model_from_checkpoint(raw, checkpoint)
+    raw, config = checkpoint_config(content[KEY], ["trust=true"] if trust else [])
+    module = model_from_checkpoint(raw, config, checkpoint)
     rows: list[dict[str, Any]] = []
     pictures: list[tuple[np.ndarray, str]] = []
     for batch in _batches(paths):

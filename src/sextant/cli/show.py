@@ -7,7 +7,9 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.console import console, key_value_table
+from sextant.cli.assemble import part_name
+from sextant.cli.console import console, key_value_table, rows_table
+from sextant.cli.families import family_of
 from sextant.config import Config
 from sextant.runs.directory import RunDirectory
 
@@ -22,11 +24,9 @@ def show_start(raw: Mapping[str, Any], config: Config, directory: RunDirectory, 
         console.print(f"[green]resuming from {_shorter(directory.last_checkpoint)}[/]")
     rows = {
         "task": config.task.name,
-        "dataset": _part(raw["dataset"]),
-        "backbone": _part(raw["backbone"]),
-        "inhibition": _part(raw["inhibition"]),
-        "test": ", ".join(["clean", *raw["corruption"]["corruptions"]]),
-        "optimizer": f"{_part(raw['optimizer'])}, {_part(raw['schedule'])}",
+        "dataset": part_name(raw["dataset"]),
+        **family_of(config).summary(raw, config),
+        "optimizer": f"{part_name(raw['optimizer'])}, {part_name(raw['schedule'])}",
         "training": f"{config.trainer.max_epochs} epochs of batches of {config.trainer.batch_size}, "
         f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
         "run": _shorter(directory.path),
@@ -51,8 +51,10 @@ def show_result(directory: RunDirectory, *, reused: bool) -> None:
         percent = "accuracy" in name
         table.add_row(name, "nan" if value is None else f"{100 * value:.2f} %" if percent else f"{value:.4f}")
     console.print(table)
+    if results.get("table"):
+        console.print(rows_table("On the test split", results["table"]))
     if results["outcome"] == "diverged":
-        console.print("[yellow]This run did not learn: its validation accuracy is near chance.[/]")
+        console.print("[yellow]This run did not learn: on the validation split it is near chance.[/]")
     run, timing = _shorter(directory.path), results["timing"]
     trained = f"trained in {timing['fit_s']:.1f} s, " if timing["fit_s"] else ""
     console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")
@@ -64,12 +66,6 @@ def show_result(directory: RunDirectory, *, reused: bool) -> None:
             f"sweep      python train.py -m seed=0,1,2 inhibition=none,push_pull\n"
             f"dashboard  make dashboard"
         )
-
-
-def _part(node: Mapping[str, Any]) -> str:
-    name = str(node["_target_"]).rsplit(".", 1)[-1]
-    settings = ", ".join(f"{key}={value}" for key, value in node.items() if not key.startswith("_"))
-    return f"{name}({settings})"
 
 
 def _shorter(path: Path) -> str:

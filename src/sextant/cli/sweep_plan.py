@@ -11,7 +11,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
-from sextant.cli.assemble import build_source
+from sextant.cli.families import family_of
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import run_key
 from sextant.cli.train import check_environment
@@ -81,7 +81,7 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
 def _over_seeds(
     design: Design, setting: dict[str, str], arm: str, overrides: list[str], raw: Mapping[str, Any], config: Config
 ) -> list[Planned]:
-    source, outputs, planned = build_source(raw, config), Path(config.paths.outputs), []
+    source, outputs, planned = family_of(config).source(raw, config), Path(config.paths.outputs), []
     for pair, seed in enumerate(design.seeds):
         key = run_key(config, source, seed + design.arms[arm][1])
         found = claim(outputs, key, config.reuse)

@@ -50,7 +50,7 @@ def preflight(overrides: Sequence[str]) -> None:
 
 def check_environment(raw: Mapping[str, Any], config: Config) -> None:
     """Whether the data is there, the output folder can be written to, and the tracking server answers."""
-    from sextant.cli.assemble import build_source
+    from sextant.cli.families import family_of
     from sextant.tracking.store import require_server
 
     outputs = Path(config.paths.outputs)
@@ -64,9 +64,8 @@ def check_environment(raw: Mapping[str, Any], config: Config) -> None:
             f"paths.outputs={outputs} cannot be written to: {error.strerror}",
             "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
         ) from None
-    source = build_source(raw, config)
-    source.files("train")
-    source.files("test")
+    family = family_of(config)
+    family.check(family.source(raw, config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
 

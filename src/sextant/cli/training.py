@@ -10,18 +10,15 @@ import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 
-from sextant.cli.assemble import build_classification, build_data
+from sextant.cli.families import Source, family_of
 from sextant.cli.progress import TrainingProgress
 from sextant.cli.resolve import resolve_run
 from sextant.config import Config
-from sextant.data.datamodule import ImageData
-from sextant.data.source import ImageSource, ImageSpec
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
 from sextant.runs.atomic import write_atomically, write_json
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, AtomicCheckpointIO, load_checkpoint
 from sextant.runs.directory import RunDirectory, RunKey
-from sextant.tasks.classification import Classification
 from sextant.tracking.logger import RunLogger
 from sextant.tracking.mirror import MirroredRun
 from sextant.tracking.system_metrics import system_metrics
@@ -30,7 +27,7 @@ from sextant.tracking.system_metrics import system_metrics
 def train_and_test(
     raw: Mapping[str, Any],
     config: Config,
-    source: ImageSource,
+    source: Source,
     directory: RunDirectory,
     key: RunKey,
     mirror: MirroredRun | None,
@@ -44,16 +41,17 @@ def train_and_test(
     require_device(config)
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
-    data = build_data(source, config)
-    spec = source.spec()
-    module = build_classification(raw, spec, log_every=config.trainer.log_every, training=True)
+    family = family_of(config)
+    data = family.data(raw, config, source)
+    spec = family.spec(raw, config, source, data)
+    module = family.module(raw, spec, training=True)
     if config.init_from is not None:
         checkpoint = resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint
         _load_weights(module, load_checkpoint(checkpoint), checkpoint)
     logger = RunLogger(directory, mirror)
     callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]
     if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
-        callbacks.append(_best_epoch(directory, module.monitor))
+        callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
     callbacks.append(_every_epoch(directory))
     if config.trainer.progress:
         callbacks.append(TrainingProgress())
@@ -73,7 +71,7 @@ def train_and_test(
 def test_checkpoint(
     raw: Mapping[str, Any],
     config: Config,
-    source: ImageSource,
+    source: Source,
     checkpoint: Path,
     directory: RunDirectory,
     key: RunKey,
@@ -82,11 +80,12 @@ def test_checkpoint(
     began = time.monotonic()
     torch.set_num_threads(config.trainer.threads)
     require_device(config)
-    module = model_from_checkpoint(raw, checkpoint)
-    data = build_data(source, config)
+    module = model_from_checkpoint(raw, config, checkpoint)
+    data = family_of(config).data(raw, config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
     metrics = dict(trainer.test(module, data, verbose=False)[0])
-    results = {"outcome": "finished", "metrics": metrics} | _write_test(module, data, directory)
+    results = {"outcome": "finished", "metrics": metrics}
+    results = _with_record(results, module, data, config, directory)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 
 
@@ -96,18 +95,12 @@ def require_device(config: Config) -> None:
         raise UserError("trainer.accelerator=gpu: no CUDA device was found on this machine", "Use trainer=cpu")
 
 
-def model_from_checkpoint(raw: Mapping[str, Any], checkpoint: Path) -> Classification:
+def model_from_checkpoint(raw: Mapping[str, Any], config: Config, checkpoint: Path) -> Any:
     """The trained module in a checkpoint, built from ``raw``: its own config, perhaps with other test conditions."""
     content = load_checkpoint(checkpoint)
-    module = build_classification(raw, spec_of(content), log_every=raw["trainer"]["log_every"], training=False)
+    module = family_of(config).module(raw, content[KEY]["spec"], training=False)
     _load_weights(module, content, checkpoint)
     return module.eval()
-
-
-def spec_of(checkpoint: Mapping[str, Any]) -> ImageSpec:
-    """Shape and classes of the images that a checkpoint was trained on."""
-    spec = checkpoint[KEY]["spec"]
-    return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))
 
 
 def _write_results(
@@ -145,45 +138,49 @@ def _every_epoch(directory: RunDirectory) -> ModelCheckpoint:
     )
 
 
-def _best_epoch(directory: RunDirectory, monitor: str) -> ModelCheckpoint:
+def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckpoint:
     return ModelCheckpoint(
         directory.checkpoints,
         filename="best",
         monitor=monitor,
-        mode="max",
+        mode=mode,
         save_on_train_epoch_end=True,
         enable_version_counter=False,
     )
 
 
 def _test(
-    trainer: pl.Trainer, module: Classification, data: ImageData, config: Config, directory: RunDirectory
+    trainer: pl.Trainer, module: Any, data: pl.LightningDataModule, config: Config, directory: RunDirectory
 ) -> dict[str, Any]:
     """Validate and test the chosen weights, and write arrays and figures."""
     epochs, steps = trainer.current_epoch, trainer.global_step
     if config.task.test_checkpoint == "best":
         module.load_state_dict(load_checkpoint(directory.best_checkpoint)["state_dict"])
     validation = dict(trainer.validate(module, data, verbose=False)[0])
-    metrics = validation | dict(trainer.test(module, data, verbose=False)[0])
-    return {
+    results = {
         "outcome": "finished" if module.converged(validation) else "diverged",
-        "metrics": metrics,
+        "metrics": validation | dict(trainer.test(module, data, verbose=False)[0]),
         "test_checkpoint": config.task.test_checkpoint,
         "epochs": epochs,
         "steps": steps,
-    } | _write_test(module, data, directory)
+    }
+    return _with_record(results, module, data, config, directory)
 
 
-def _write_test(module: Classification, data: ImageData, directory: RunDirectory) -> dict[str, Any]:
-    """Write per-image results and figures of the last test; return what describes the model."""
-    arrays = module.arrays()
-    write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **arrays))  # type: ignore[arg-type]
-    for name, figure in module.figures(data.split("test").images):
+def _with_record(
+    results: dict[str, Any], module: Any, data: pl.LightningDataModule, config: Config, directory: RunDirectory
+) -> dict[str, Any]:
+    """Write results by image and figures of the last test; ``results`` with what else it found."""
+    record = family_of(config).record(module, data, config)
+    write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
+    for name, figure in record.figures:
         save_figure(figure, directory.figures, name)
-    return {"parameters": sum(parameter.numel() for parameter in module.parameters())}
+    parameters = sum(parameter.numel() for parameter in module.parameters())
+    table = {"table": record.table} if record.table else {}
+    return results | {"metrics": results["metrics"] | record.metrics, "parameters": parameters} | table
 
 
-def _load_weights(module: Classification, content: Mapping[str, Any], checkpoint: Path) -> None:
+def _load_weights(module: pl.LightningModule, content: Mapping[str, Any], checkpoint: Path) -> None:
     try:
         module.load_state_dict(content["state_dict"])
     except RuntimeError as error:
@@ -207,16 +204,11 @@ class _EpochSeed(Callback):
 class _Provenance(Callback):
     """Puts the whole config into every checkpoint, as plain containers."""
 
-    def __init__(self, raw: Mapping[str, Any], spec: ImageSpec, key: RunKey):
+    def __init__(self, raw: Mapping[str, Any], spec: Mapping[str, Any], key: RunKey):
         self.content = {
             "schema_version": SCHEMA_VERSION,
             "config": dict(raw),
-            "spec": {
-                "channels": spec.channels,
-                "height": spec.height,
-                "width": spec.width,
-                "classes": list(spec.classes),
-            },
+            "spec": dict(spec),
             "task": key.task,
             "digest": key.digest,
             "seed": key.seed,

@@ -262,8 +262,79 @@ class LeNet(Part):
     variant: Literal["A", "B", "C", "D"]
 
 
+class StridedCNN(Part):
+    """A small convolutional network."""
+
+    target: Literal["sextant.models.StridedCNN"] = Field(alias="_target_")
+    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=2, examples=["[24,48,96]"])
+    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
+
+
+class TorchvisionBackbone(Part):
+    """A torchvision network."""
+
+    target: Literal["sextant.models.torchvision_backbone"] = Field(alias="_target_")
+    name: str = Field(examples=["resnet18"])
+    weights: str | None = Field(examples=["imagenet"])
+
+
+class TimmBackbone(Part):
+    """A timm network."""
+
+    target: Literal["sextant.models.timm_backbone"] = Field(alias="_target_")
+    name: str = Field(examples=["mobilenetv3_small_100"])
+    pretrained: bool
+
+
 Backbone = Annotated[
-    Annotated[LeNet, Tag("sextant.models.LeNet")] | Annotated[CustomPart, Tag("custom")], _choose_part(LeNet)
+    Annotated[LeNet, Tag("sextant.models.LeNet")]
+    | Annotated[StridedCNN, Tag("sextant.models.StridedCNN")]
+    | Annotated[TorchvisionBackbone, Tag("sextant.models.torchvision_backbone")]
+    | Annotated[TimmBackbone, Tag("sextant.models.timm_backbone")]
+    | Annotated[CustomPart, Tag("custom")],
+    _choose_part(LeNet, StridedCNN, TorchvisionBackbone, TimmBackbone),
+]
+
+
+class Parameterization(Part):
+    """What a network predicts of a camera."""
+
+    target: Literal["sextant.geometry.Parameterization"] = Field(alias="_target_")
+    name: Literal["direct", "horizon", "undistorted_horizon"]
+    k2_of_k1: Literal["lopez", "zero"]
+
+
+class Sampling(Part):
+    """A distribution of cameras."""
+
+    model_config = ConfigDict(extra="allow")
+
+    target: str = Field(alias="_target_")
+    k2_of_k1: Literal["lopez", "zero"]
+
+
+class ParameterLoss(Part):
+    """Errors of the parameters."""
+
+    target: Literal["sextant.losses.ParameterLoss"] = Field(alias="_target_")
+    units: Literal["raw", "range", "natural"]
+    penalty: Literal["l2", "huber"]
+    delta: Positive = Field(examples=[0.1])
+
+
+class BearingLoss(Part):
+    """Errors of the rays."""
+
+    target: Literal["sextant.losses.BearingLoss"] = Field(alias="_target_")
+    mode: Literal["joint", "disentangled", "harmonic"]
+    grid: int = Field(ge=2, le=64, examples=[7])
+
+
+Loss = Annotated[
+    Annotated[ParameterLoss, Tag("sextant.losses.ParameterLoss")]
+    | Annotated[BearingLoss, Tag("sextant.losses.BearingLoss")]
+    | Annotated[CustomPart, Tag("custom")],
+    _choose_part(ParameterLoss, BearingLoss),
 ]
 
 
@@ -430,6 +501,22 @@ class ClassificationTask(Node):
     test_checkpoint: Literal["last", "best"]
 
 
+class CalibrationTask(Node):
+    """Calibration from one image."""
+
+    name: Literal["calibration"]
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[72])
+    crops_per_panorama: BySplit
+    features: Count = Field(examples=[256])
+    coordinates: bool
+    clip: Positive = Field(examples=[1.0])
+    geometric_baselines: bool
+    test_checkpoint: Literal["last", "best"]
+
+
+Task = Annotated[ClassificationTask | CalibrationTask, Field(discriminator="name")]
+
 # -------------------------------------------------------------------------------------------------------------- sweeps
 
 
@@ -495,14 +582,32 @@ class Config(Node):
     trainer: Trainer
     tracking: Tracking
     paths: Paths
-    task: ClassificationTask
+    task: Task
+    parameterization: Parameterization | None = None
+    loss: Loss | None = None
+    sampling: Sampling | None = None
+    test_sampling: Sampling | None = None
     seed: Seed = Field(examples=[0])
     init_from: str | None
     reuse: Literal["exact", "any_code"]
     sweep: Sweep | None = None
 
+    @model_validator(mode="after")
+    def _groups_belong_to_the_task(self) -> Self:
+        needed = ("parameterization", "loss", "sampling")
+        if self.task.name == "calibration":
+            for name in needed:
+                if getattr(self, name) is None:
+                    raise ValueError(f"{name} is missing: task=calibration needs one")
+        else:
+            for name in (*needed, "test_sampling"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"{name} belongs to task=calibration; leave it out, or choose that task")
+        return self
+
     def custom_targets(self) -> list[str]:
         """Import paths in the config that Sextant has no schema for."""
         parts: list[Part] = [self.dataset, self.backbone, self.inhibition, self.optimizer, self.schedule]
         parts += self.corruption.corruptions.values()
+        parts += [part for part in (self.loss,) if part is not None]
         return [part.target for part in parts if isinstance(part, CustomPart)]

@@ -102,8 +102,12 @@ def _options(annotation: Any) -> list[Any]:
 
 def _is_tag(part: str | int, options: Iterable[Any]) -> bool:
     for option in options:
-        if isinstance(option, type) and issubclass(option, BaseModel) and "target" in option.model_fields:
+        if not (isinstance(option, type) and issubclass(option, BaseModel)):
+            continue
+        if "target" in option.model_fields:
             literal = get_args(option.model_fields["target"].annotation)
             if part in literal or (part == "custom" and not literal):
                 return True
+        elif "name" in option.model_fields and part in get_args(option.model_fields["name"].annotation):
+            return True  # of a task
     return False

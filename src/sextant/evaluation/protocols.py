@@ -12,3 +12,13 @@ def classification_converged(validation_accuracy: float, num_classes: int) -> bo
     """Whether a trained classifier learnt at all: ``accuracy >= chance + 0.5 (1 - chance)``, chance being 1/K."""
     chance = 1 / num_classes
     return validation_accuracy >= chance + CONVERGED_ABOVE_CHANCE * (1 - chance)
+
+
+#: A calibration run has converged if its median bearing error on the validation split is at most this share of that of
+#: the constant camera in the middle of the training distribution.
+CONVERGED_BELOW_CONSTANT = 0.8
+
+
+def calibration_converged(bearing_deg: float, constant_bearing_deg: float) -> bool:
+    """Whether a trained calibration network learnt at all: ``error <= 0.8 x`` that of the constant camera."""
+    return bearing_deg <= CONVERGED_BELOW_CONSTANT * constant_bearing_deg

@@ -25,6 +25,13 @@ from sextant.geometry.horizon import (
     tilt_from_rho,
     tilt_from_tau,
 )
+from sextant.geometry.parameterization import (
+    CameraParameters,
+    Parameterization,
+    ParameterSpace,
+    focal_from_vfov,
+    vfov_from_focal,
+)
 from sextant.geometry.perspective import PerspectiveCamera, perspective_bearings, perspective_project
 from sextant.geometry.planar import se2_between, se2_compose, se2_exp, se2_inverse, se2_log, wrap_angle
 from sextant.geometry.poses import (
@@ -47,11 +54,15 @@ from sextant.geometry.rotations import (
 
 __all__ = [
     "Camera",
+    "CameraParameters",
     "EquirectangularCamera",
     "K2Family",
+    "ParameterSpace",
+    "Parameterization",
     "PerspectiveCamera",
     "distort_radius",
     "distortion_factor",
+    "focal_from_vfov",
     "heights_from_pixels",
     "horizon_foot",
     "horizon_line",
@@ -85,5 +96,6 @@ __all__ = [
     "transform_points",
     "undistort_radius",
     "up_in_camera",
+    "vfov_from_focal",
     "wrap_angle",
 ]

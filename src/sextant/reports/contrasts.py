@@ -16,7 +16,7 @@ Pair = tuple[CellResult, CellResult]
 
 @dataclass(frozen=True)
 class ContrastRow:
-    """One contrast in one setting under one condition; differences in points of accuracy, treatment minus control.
+    """One contrast in one setting under one condition; treatment minus control, in the unit of the measure.
 
     Attributes:
         paired: over the pairs in which both runs converged; None without such a pair.
@@ -96,7 +96,7 @@ def _against_first(arms: list[str]) -> dict[str, dict[str, str]]:
 def _pairs(results: SweepResults, setting: str, sides: Sides) -> list[Pair]:
     controls = {result.cell.pair: result for result in results.of(setting, sides["control"])}
     both = ((t, controls.get(t.cell.pair)) for t in results.of(setting, sides["treatment"]))
-    return [(t, c) for t, c in both if c is not None and t.correct and c.correct]
+    return [(t, c) for t, c in both if c is not None and t.values and c.values]
 
 
 def _converged(pair: Pair) -> bool:
@@ -107,15 +107,17 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
     kept = [pair for pair in pairs if _converged(pair)]
     if not kept:
         return None
-    arms = [[100.0 * side.correct[condition] for side in arm] for arm in zip(*kept, strict=True)]
-    if len({images.shape for arm in arms for images in arm}) > 1:  # other datasets have other images
-        arms = [[images.mean() for images in arm] for arm in arms]
+    sides = [list(arm) for arm in zip(*kept, strict=True)]
+    arms = [[side.values[condition] for side in arm] for arm in sides]
+    other_images = len({images.shape for arm in arms for images in arm}) > 1  # of other datasets
+    if other_images or sides[0][0].measure.statistic == "median":
+        arms = [[np.float64(side.value(condition)) for side in arm] for arm in sides]
     treatment, control = (np.stack(arm) for arm in arms)
     return paired_difference(treatment, control, method="bootstrap" if method == "bootstrap" else "t")
 
 
 def _mean_of_all(pairs: list[Pair], condition: str) -> float:
-    differences = [100 * (t.correct[condition].mean() - c.correct[condition].mean()) for t, c in pairs]
+    differences = [t.value(condition) - c.value(condition) for t, c in pairs]
     return float(np.mean(differences)) if differences else float("nan")
 
 

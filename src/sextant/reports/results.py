@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Float
 from numpy import ndarray
 
 from sextant.errors import UserError
+from sextant.reports.measure import ACCURACY, Measure, measured
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
@@ -22,16 +23,22 @@ class CellResult:
     Attributes:
         cell: the plan.
         outcome: ``missing`` has not run or was interrupted.
-        correct: for each condition, which test images were classified correctly; empty unless finished or diverged.
+        values: for each condition, the value of each test image; empty unless finished or diverged.
         seconds: training time.
         parameters: of the model.
+        measure: what the values are.
     """
 
     cell: Cell
     outcome: Outcome
-    correct: dict[str, Bool[ndarray, "images"]]
+    values: dict[str, Float[ndarray, "images"]]
     seconds: float = float("nan")
     parameters: int = 0
+    measure: Measure = ACCURACY
+
+    def value(self, condition: str) -> float:
+        """The number of this run under a condition."""
+        return self.measure.of(self.values[condition])
 
 
 @dataclass(frozen=True)
@@ -45,8 +52,13 @@ class SweepResults:
     @property
     def conditions(self) -> list[str]:
         """Keys of the conditions that every tested run shares, in the order of the test."""
-        tested = [cell.correct for cell in self.cells if cell.correct]
-        return [key for key in tested[0] if all(key in correct for correct in tested)] if tested else []
+        tested = [cell.values for cell in self.cells if cell.values]
+        return [key for key in tested[0] if all(key in values for values in tested)] if tested else []
+
+    @property
+    def measure(self) -> Measure:
+        """What the values of the runs are."""
+        return next((cell.measure for cell in self.cells if cell.values), ACCURACY)
 
     @property
     def settings(self) -> list[str]:
@@ -76,7 +88,7 @@ def load_results(directory: Path, outputs: Path) -> SweepResults:
     """
     plan = read_plan(directory)
     cells = [_load(cell, RunDirectory(outputs / cell.run)) for cell in plan.cells]
-    if not any(result.correct for result in cells):
+    if not any(result.values for result in cells):
         raise UserError(f"sweep {plan.name}: none of its {len(cells)} runs is finished yet", "Run the sweep first.")
     return SweepResults(plan, directory, cells)
 
@@ -90,10 +102,9 @@ def _load(cell: Cell, run: RunDirectory) -> CellResult:
         return CellResult(cell, results["outcome"], {})
     try:
         with np.load(run.arrays, allow_pickle=False) as arrays:
-            labels = arrays["labels"]
-            correct = {key: arrays[key] == labels for key in arrays.files if key != "labels"}
+            measure, values = measured(arrays)
     except (OSError, ValueError, KeyError) as error:
         raise UserError(
             f"{run.arrays} cannot be read: {error}", f"Delete {run.path} and run the sweep again."
         ) from None
-    return CellResult(cell, results["outcome"], correct, results["timing"]["fit_s"], results["parameters"])
+    return CellResult(cell, results["outcome"], values, results["timing"]["fit_s"], results["parameters"], measure)

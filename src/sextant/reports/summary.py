@@ -1,4 +1,4 @@
-"""One row per cell of a sweep: the distribution of its accuracy over seeds."""
+"""One row per cell of a sweep: the distribution of its measure over seeds."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from sextant.reports.results import SweepResults
 
 @dataclass(frozen=True)
 class Summary:
-    """Accuracy, in per cent, of one setting and arm under one condition, over converged seeds.
+    """The measure of one setting and arm under one condition, over converged seeds.
 
     ``all_mean`` counts the diverged runs too.
     """
@@ -41,8 +41,8 @@ def summarise(results: SweepResults) -> list[Summary]:
             diverged = [cell for cell in cells if cell.outcome == "diverged"]
             reference = published.get(setting, {}).get(arm, {})
             for condition in results.conditions:
-                values = np.array([100 * cell.correct[condition].mean() for cell in converged])
-                everything = [100 * c.correct[condition].mean() for c in cells if c.correct]
+                values = np.array([cell.value(condition) for cell in converged])
+                everything = [c.value(condition) for c in cells if c.values]
                 low, high = mean_interval(values)
                 rows.append(
                     Summary(

@@ -28,7 +28,7 @@ def write_report(results: SweepResults) -> list[Path]:
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)
-    cells, compared = cells_table(summaries, results), {name: contrast_table(rows, name) for name in _names(rows)}
+    cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
     texts = {
         "report.md": _markdown(results, summaries, cells, compared, rows),
         "cells.csv": _csv([asdict(summary) for summary in summaries]),
@@ -53,13 +53,15 @@ def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
         for arm in results.arms:
             of_cell = [s for s in summaries if s.setting == setting and s.arm == arm]
             first = of_cell[0]
-            values = [f"{number(s.mean)} ± {number(s.spread)} {interval(s.low, s.high)}" for s in of_cell]
+            n = results.measure.digits
+            values = [f"{number(s.mean, n)} ± {number(s.spread, n)} {interval(s.low, s.high, n)}" for s in of_cell]
             rows.append([setting, arm, str(first.seeds), str(first.diverged), str(first.failed), *values])
     return TextTable(columns, rows)
 
 
-def contrast_table(rows: list[ContrastRow], name: str) -> TextTable:
+def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) -> TextTable:
     """One row a setting and condition of one contrast."""
+    n = results.measure.digits
     columns = [
         "setting",
         "condition",
@@ -82,19 +84,19 @@ def contrast_table(rows: list[ContrastRow], name: str) -> TextTable:
             [
                 row.setting,
                 row.condition,
-                number(row.published, sign=True),
-                "–" if paired is None else number(paired.mean, sign=True),
-                "–" if paired is None else interval(paired.low, paired.high, sign=True),
-                "–" if paired is None else interval(paired.image_low, paired.image_high, sign=True),
+                number(row.published, n, sign=True),
+                "–" if paired is None else number(paired.mean, n, sign=True),
+                "–" if paired is None else interval(paired.low, paired.high, n, sign=True),
+                "–" if paired is None else interval(paired.image_low, paired.image_high, n, sign=True),
                 "–"
                 if floor is None
-                else f"{number(floor.mean, sign=True)} {interval(floor.low, floor.high, sign=True)}",
-                "–" if floor is None else number(floor.spread),
+                else f"{number(floor.mean, n, sign=True)} {interval(floor.low, floor.high, n, sign=True)}",
+                "–" if floor is None else number(floor.spread, n),
                 f"{0 if paired is None else paired.seeds}{'†' if row.exploratory else ''}",
                 str(row.dropped),
                 "–" if paired is None else f"{paired.wins}/{paired.seeds}",
                 number(row.p_holm, 3),
-                number(row.everything, sign=True),
+                number(row.everything, n, sign=True),
             ]
         )
     return TextTable(columns, body)
@@ -118,7 +120,7 @@ def figures(results: SweepResults, summaries: list[Summary], rows: list[Contrast
             (setting, [_forest_row(row) for row in rows if row.contrast == contrast and row.setting == setting])
             for setting in results.settings
         ]
-        made.append((f"contrast_{slug(contrast)}", contrast_forest(panels, "difference in accuracy (points)")))
+        made.append((f"contrast_{slug(contrast)}", contrast_forest(panels, results.measure.difference)))
     return made
 
 
@@ -138,10 +140,10 @@ def _markdown(
         f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
         f"`python train.py -m {shlex.join(plan.command)}`, then `python report.py sweep={results.directory.name}`\n",
         f"{len(results.cells)} runs planned: {counts}. {seeds} seeds a cell.{exploratory}\n",
-        "A run has *diverged* if its validation accuracy after training is nearer to chance than to 1; the rule looks "
+        f"A run has *diverged* if {results.measure.diverged}; the rule looks "
         "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "
         "number of others beside them; the last column of each contrast counts diverged runs too.\n",
-        "## Accuracy on the test split, per cent\n",
+        f"## {results.measure.title}\n",
         "Mean ± standard deviation over seeds, and the 95 % interval of the mean.\n",
         cells.markdown(),
         _beside_published(summaries, results),
@@ -149,15 +151,17 @@ def _markdown(
     for name, table in compared.items():
         sides = plan.definition.get("contrasts", {}).get(name)
         title = f"{name}: {sides['treatment']} minus {sides['control']}" if sides else name
-        parts += [f"## {title}\n", _legend(rows), table.markdown()]
+        parts += [f"## {title}\n", _legend(rows, results), table.markdown()]
     if any(row.published == row.published for row in rows):
         parts += ["## What the published single runs can support\n", _published_verdict(rows)]
     return "\n".join(part for part in parts if part)
 
 
-def _legend(rows: list[ContrastRow]) -> str:
+def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
+    measure = results.measure
     return (
-        "Points of accuracy, paired by seed, on the same test images. The noise floor is the mean difference that "
+        f"{measure.difference.capitalize()}, paired by seed, on the same test images; {measure.better} is better. "
+        "The noise floor is the mean difference that "
         "seeds alone make, with its interval, and the spread of one such pair. Holm's family is the conditions of one "
         "setting. *Dropped* pairs have a run that diverged, failed or is missing."
         + (f" † fewer than {SEEDS_FOR_A_CLAIM} pairs: exploratory." if any(row.exploratory for row in rows) else "")

@@ -56,7 +56,7 @@ class Classification(pl.LightningModule):
         log_every: steps between two logged training losses.
     """
 
-    monitor = "val/accuracy"
+    monitor, monitor_mode = "val/accuracy", "max"
 
     def __init__(
         self,

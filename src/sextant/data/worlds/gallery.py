@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageDraw, ImageFont
 
-from sextant.data.worlds.shots import camera_poses, camera_rays
+from sextant.data.worlds.shots import camera_poses
 from sextant.data.worlds.towns import perspective, street_poses
 from sextant.figures.street_map import street_map
 from sextant.figures.style import save_figure
@@ -22,6 +22,7 @@ from sextant.worlds.buildings import footprints
 from sextant.worlds.office import Office
 from sextant.worlds.office_layouts import procedural_plan
 from sextant.worlds.office_routes import wander
+from sextant.worlds.renderer import Rays
 from sextant.worlds.routes import drive, walk
 from sextant.worlds.street_layouts import grid_streets, irregular_streets
 from sextant.worlds.tours import random_walk
@@ -83,7 +84,7 @@ def street_picture(spot: Spot, camera: PerspectiveCamera, samples: int) -> UInt8
     pose = np.array([[x, y, spot.height_m, heading + np.radians(spot.turn_deg), np.radians(spot.tilt_deg), 0.0]])
     look = condition(spot.condition, **dict(spot.factors))
     renderer = town.renderer(look, clear_of=pose[:, :2], soft=True)
-    return np.asarray(renderer.pictures(camera_rays(camera, samples), camera_poses(pose), look)[0])
+    return np.asarray(renderer.pictures(Rays.of_camera(camera, samples), camera_poses(pose), look)[0])
 
 
 def sheet(pictures: Sequence[UInt8[ndarray, "h w 3"]], names: Sequence[str], columns: int) -> Image.Image:
@@ -119,7 +120,7 @@ def _conditions(folder: Path, samples: int) -> list[Path]:
 
 
 def _panoramas(folder: Path, samples: int) -> list[Path]:
-    rays = camera_rays(EquirectangularCamera(960, 480), samples)
+    rays = Rays.of_camera(EquirectangularCamera(960, 480), samples)
     pictures, names = [], []
     for k, (name, look) in enumerate(
         (
@@ -142,7 +143,7 @@ def _from_above(folder: Path, samples: int) -> list[Path]:
     pose = np.array([[(left + right) / 2 - 30, bottom - 40, 85.0, np.radians(82), np.radians(-26), 0.0]])
     look = condition("summer_evening", sun_elevation_deg=24.0)
     camera = PerspectiveCamera.from_vfov(torch.tensor(0.8, dtype=torch.float64), 1280, 720)
-    picture = town.renderer(look, soft=True).pictures(camera_rays(camera, samples), camera_poses(pose), look)[0]
+    picture = town.renderer(look, soft=True).pictures(Rays.of_camera(camera, samples), camera_poses(pose), look)[0]
     lots = [np.asarray(lot.exterior.coords) for lot in town.ground.lots[:-1] if not lot.is_empty]
     nodes = random_walk(town.graph, 1500, seed=1)
     routes = {
@@ -159,7 +160,7 @@ def _office(folder: Path, samples: int) -> list[Path]:
     plan = procedural_plan((46.0, 16.0), 0)
     drive_ = wander(plan, 120.0, 0.1, np.random.default_rng(3))
     office = Office(replace(plan, tracks=(plan.to_plan(drive_[:, :2]),)), 0)
-    rays = camera_rays(perspective(640, 400, 62.0), samples)
+    rays = Rays.of_camera(perspective(640, 400, 62.0), samples)
     pictures, names = [], []
     for metres, look in (
         (4, "summer_noon"),

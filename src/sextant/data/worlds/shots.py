@@ -23,6 +23,12 @@ SPLITS = ("train", "val", "test")
 #: scenes held at once: one in use and the next
 HELD_SCENES = 2
 
+#: the part of ``sextant.geometry`` that pictures depend on
+OPTICS = tuple(
+    f"sextant.geometry.{name}"
+    for name in ("_series", "camera", "distortion", "equirectangular", "perspective", "poses", "rotations")
+)
+
 
 @dataclass(frozen=True)
 class Shots:
@@ -89,7 +95,7 @@ class WorldPlan(RenderPlan):
     def __init__(self, name: str, config: Mapping[str, Any], conditions: list[Any], samples: int):
         self.name = name
         self.config = dict(config)
-        self.source_sha256 = modules_sha256("sextant.worlds", "sextant.geometry", "sextant.data.worlds")
+        self.source_sha256 = modules_sha256("sextant.worlds", "sextant.data.worlds", *OPTICS)
         self.samples = samples
         self.condition_names, self.appearances = read_conditions(conditions)
         self._scenes = _Held(HELD_SCENES)
@@ -134,7 +140,7 @@ class WorldPlan(RenderPlan):
     @cached_property
     def rays(self) -> Rays:
         """The rays of the camera."""
-        return camera_rays(self.camera, self.samples)
+        return Rays.of_camera(self.camera, self.samples)
 
     @property
     def count(self) -> int:
@@ -224,11 +230,6 @@ class _Held:
             with self._lock:
                 self._held[key] = renderer
             return renderer
-
-
-def camera_rays(camera: Camera, samples: int) -> Rays:
-    """See :meth:`Rays.of_camera`."""
-    return Rays.of_camera(camera, samples)
 
 
 def camera_poses(pose: Float64[ndarray, "n 6"]) -> Float64[ndarray, "n 4 4"]:

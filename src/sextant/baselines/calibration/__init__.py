@@ -1,0 +1,34 @@
+"""Geometric baselines of calibration: what a network has to beat, and what refines it.
+
+Every method has ``fit(cameras)``, which learns a prior from training labels alone, ``calibrate(image)`` and
+``calibrate_many(images)``. All are deterministic.
+"""
+
+from sextant.baselines.calibration.combined import CombinedGeometry, detect_bent_segments
+from sextant.baselines.calibration.constant import ConstantCamera, PriorCamera, prior_of_cameras
+from sextant.baselines.calibration.edge_chains import detect_chains
+from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior, Determined, stack_cameras
+from sextant.baselines.calibration.line_segments import count_long, detect_segments
+from sextant.baselines.calibration.method import CalibrationBaseline
+from sextant.baselines.calibration.plumb_line import PlumbLine
+from sextant.baselines.calibration.refinement import refine
+from sextant.baselines.calibration.vanishing_points import VanishingPoints
+
+__all__ = [
+    "CalibrationBaseline",
+    "CalibrationEstimate",
+    "CameraPrior",
+    "CombinedGeometry",
+    "ConstantCamera",
+    "Determined",
+    "PlumbLine",
+    "PriorCamera",
+    "VanishingPoints",
+    "count_long",
+    "detect_bent_segments",
+    "detect_chains",
+    "detect_segments",
+    "prior_of_cameras",
+    "refine",
+    "stack_cameras",
+]

@@ -1,0 +1,103 @@
+"""The full classical competitor: distortion from bent lines, then vanishing points, then everything at once.
+
+The plumb-line estimate of ``k1_hat`` straightens the image, so that the detector finds whole lines where the lens shows
+arcs; their ends are bent back, and tilt, roll, heading, focal length and distortion are fitted together with the exact
+lens model, with the plumb-line estimate and its uncertainty as what is believed of the distortion.
+"""
+
+from dataclasses import replace
+from typing import Self
+
+import cv2
+import numpy as np
+from jaxtyping import Float64, UInt8
+from numpy import ndarray
+
+from sextant.baselines.calibration.constant import prior_of_cameras
+from sextant.baselines.calibration.edge_chains import detect_chains
+from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior
+from sextant.baselines.calibration.lens import apparent_k2, distort_points, undistort_points
+from sextant.baselines.calibration.line_segments import (
+    count_long,
+    detect_segments,
+    grey_segments,
+    heights_from_working,
+    longest_first,
+    on_frame,
+    working_grey,
+)
+from sextant.baselines.calibration.manhattan import BELIEFS
+from sextant.baselines.calibration.method import CalibrationBaseline
+from sextant.baselines.calibration.plumb_line import straightening_k1_hat
+from sextant.baselines.calibration.vanishing_points import find_frame
+from sextant.geometry import CameraParameters
+
+#: The straightened image is at most so many times as wide and high as the image.
+LARGEST_CANVAS = 1.7
+#: Lenses that bend less than this show arcs as straight to the detector, and the image is left as it is.
+NEGLIGIBLE = 0.02
+
+
+class CombinedGeometry(CalibrationBaseline):
+    """Plumb lines, vanishing points and a joint fit of all parameters.
+
+    Args:
+        prior: belief about the camera; ``fit`` replaces it.
+        seed: of the vanishing points' hypotheses; the same image and seed give the same camera.
+    """
+
+    def __init__(self, prior: CameraPrior | None = None, seed: int = 0):
+        self.prior_, self.seed = prior or CameraPrior(), seed
+
+    def fit(self, cameras: CameraParameters) -> Self:
+        """Learn how cameras of the training set are spread about a level one without distortion."""
+        self.prior_ = prior_of_cameras(cameras, level=True)
+        return self
+
+    def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
+        """The camera that took ``image``; what the image does not determine is the prior's."""
+        k1_hat, sigma = straightening_k1_hat(detect_chains(image), self.prior_)
+        sharper = replace(self.prior_, k1_hat=k1_hat, sigma=(*self.prior_.sigma[:3], sigma))
+        segments = detect_bent_segments(image, k1_hat, self.prior_.focal)
+        found = find_frame(segments, sharper, seed=self.seed, bent=True)
+        vector, covariance = sharper.vector, np.diag(np.square(sharper.sigma))
+        if found is not None:
+            vector, covariance = found.vector[BELIEFS], found.covariance[np.ix_(BELIEFS, BELIEFS)]
+        return CalibrationEstimate.of_vector(vector, covariance, self.prior_, count_long(segments))
+
+
+def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: float) -> Float64[ndarray, "n 2 2"]:
+    """Segments that are straight once the lens is undone, by their ends in the image as it is, longest first.
+
+    Args:
+        image: RGB.
+        k1_hat: apparent distortion of the lens.
+        focal: image heights; need be known only roughly.
+
+    Raises:
+        ValueError: it is no uint8 RGB image.
+    """
+    if abs(k1_hat) < NEGLIGIBLE:
+        return detect_segments(image)
+    k2_hat = float(apparent_k2(k1_hat, focal))
+    grey = working_grey(image)
+    edge = np.array([image.shape[1] / image.shape[0], 1.0]) / 2
+    corners_and_sides = edge * np.array([[1, 1], [1, 0], [0, 1]])
+    room = min(float((undistort_points(corners_and_sides, k1_hat, k2_hat).max(axis=0) / edge).max()), LARGEST_CANVAS)
+    straight = _straighten(grey, edge, room, k1_hat, k2_hat)
+    ends = heights_from_working(grey_segments(straight), straight, image) * room
+    bent = distort_points(ends, k1_hat, k2_hat)
+    inside = (np.abs(bent) <= edge).all(axis=(1, 2))  # beyond, the straightened image repeats its border
+    return longest_first(bent[inside & ~on_frame(bent, edge)])
+
+
+def _straighten(
+    grey: UInt8[ndarray, "h w"], edge: Float64[ndarray, "2"], room: float, k1_hat: float, k2_hat: float
+) -> UInt8[ndarray, "h2 w2"]:
+    """The image without its lens, ``room`` times as wide and high; ``edge``: half of its sides in image heights."""
+    height, width = (max(round(side * room), 1) for side in grey.shape)
+    columns, rows = (2 * (np.arange(count) + 0.5) / count - 1 for count in (width, height))
+    points = np.stack(np.meshgrid(columns, rows), axis=-1) * edge * room
+    source = (distort_points(points, k1_hat, k2_hat) / edge + 1) / 2 * grey.shape[::-1] - 0.5
+    columns_of, rows_of = np.moveaxis(source.astype(np.float32), -1, 0)
+    return np.asarray(cv2.remap(grey, columns_of, rows_of, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

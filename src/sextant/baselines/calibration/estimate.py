@@ -1,0 +1,124 @@
+"""What a geometric method believes of a camera before and after it has seen the image."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.errors import UserError
+from sextant.geometry import CameraParameters
+
+#: The four numbers in which beliefs are Gaussian; ``k1_hat = k1 / focal^2`` is the bend that an image shows.
+BELIEF_NAMES = ("tilt", "roll", "log_focal", "k1_hat")
+
+
+class Determined(NamedTuple):
+    """Which of the parameters the image itself settled; the others keep the prior's value, or nearly so."""
+
+    tilt: bool
+    roll: bool
+    focal: bool
+    k1: bool
+
+
+@dataclass(frozen=True)
+class CameraPrior:
+    """Independent Gaussian beliefs about a camera.
+
+    Args:
+        tilt, roll: means in radians.
+        focal: in image heights; the belief is Gaussian in its logarithm.
+        k1_hat: apparent distortion ``k1 / focal^2``.
+        sigma: standard deviations of tilt, roll, log focal and k1_hat.
+
+    Raises:
+        UserError: a value is not finite, or the focal length or a standard deviation is not above 0.
+    """
+
+    tilt: float = 0.0
+    roll: float = 0.0
+    focal: float = 0.87
+    k1_hat: float = 0.0
+    sigma: tuple[float, float, float, float] = (0.30, 0.15, 0.40, 0.30)
+
+    def __post_init__(self) -> None:
+        values = (self.tilt, self.roll, self.focal, self.k1_hat, *self.sigma)
+        if not all(np.isfinite(values)) or min(self.focal, *self.sigma) <= 0:
+            raise UserError(
+                f"a belief about a camera needs finite values, focal > 0 and sigma > 0; got {self}",
+                "For example CameraPrior(focal=0.87, sigma=(0.3, 0.15, 0.4, 0.3)).",
+            )
+
+    @classmethod
+    def of_vector(
+        cls, vector: Float64[ndarray, "4"], sigma: tuple[float, float, float, float] | Float64[ndarray, "4"]
+    ) -> "CameraPrior":
+        """The belief with mean ``vector``, in the order of :data:`BELIEF_NAMES`."""
+        tilt, roll, log_focal, k1_hat = (float(value) for value in vector)
+        first, second, third, fourth = (float(value) for value in sigma)
+        return cls(tilt, roll, float(np.exp(log_focal)), k1_hat, (first, second, third, fourth))
+
+    @property
+    def vector(self) -> Float64[ndarray, "4"]:
+        """The mean, in the order of :data:`BELIEF_NAMES`."""
+        return np.array([self.tilt, self.roll, np.log(self.focal), self.k1_hat])
+
+
+@dataclass(frozen=True)
+class CalibrationEstimate:
+    """The calibration of one image.
+
+    Attributes:
+        camera: tensors without dimensions; always finite, since the prior stands in for what is not determined.
+        determined: what the image settled: where the standard deviation came down below half of the prior's.
+        covariance: of tilt, roll, log focal and k1_hat given image and prior; the prior's where nothing was seen.
+        long_segments: number of line segments longer than 0.1 image heights; chains of edge pixels for plumb lines.
+    """
+
+    camera: CameraParameters
+    determined: Determined
+    covariance: Float64[ndarray, "4 4"]
+    long_segments: int
+
+    @classmethod
+    def of_vector(
+        cls, vector: Float64[ndarray, "4"], covariance: Float64[ndarray, "4 4"], prior: CameraPrior, long_segments: int
+    ) -> "CalibrationEstimate":
+        """The estimate with mean ``vector``, in the order of :data:`BELIEF_NAMES`."""
+        sharper = np.sqrt(np.diag(covariance)) < 0.5 * np.array(prior.sigma)
+        return cls(camera_of_vector(vector), Determined(*(bool(one) for one in sharper)), covariance, long_segments)
+
+    @classmethod
+    def of_prior(cls, prior: CameraPrior, long_segments: int) -> "CalibrationEstimate":
+        """The estimate where the image says nothing."""
+        return cls.of_vector(prior.vector, np.diag(np.square(prior.sigma)), prior, long_segments)
+
+    @property
+    def sigma(self) -> CameraParameters:
+        """Standard deviations of tilt, roll, focal and k1, to first order."""
+        focal, k1 = float(self.camera.focal), float(self.camera.k1)
+        by_belief = np.diag([1.0, 1.0, focal, focal * focal])  # of (tilt, roll, focal, k1) by BELIEF_NAMES
+        by_belief[3, 2] = 2 * k1
+        variances = np.diag(by_belief @ self.covariance @ by_belief.T)
+        return CameraParameters(*torch.as_tensor(np.sqrt(np.maximum(variances, 0))).unbind())
+
+
+def camera_of_vector(vector: Float64[ndarray, "4"]) -> CameraParameters:
+    """The camera of four numbers in the order of :data:`BELIEF_NAMES`."""
+    tilt, roll, log_focal, k1_hat = vector
+    focal = np.exp(log_focal)
+    return CameraParameters(*torch.tensor([tilt, roll, focal, k1_hat * focal**2], dtype=torch.float64).unbind())
+
+
+def stack_cameras(estimates: list[CalibrationEstimate]) -> CameraParameters:
+    """The cameras of several images as one batch.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if not estimates:
+        raise ValueError("need at least one estimate to stack")
+    return CameraParameters(*(torch.stack(values) for values in zip(*(e.camera for e in estimates), strict=True)))

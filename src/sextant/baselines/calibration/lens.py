@@ -1,0 +1,53 @@
+r"""The lens in image heights, in numpy: fast enough for the inner loop of a search.
+
+With :math:`R = f r` the distortion :math:`r_d = r(1 + k_1 r^2 + k_2 r^4)` reads
+:math:`R_d = R(1 + \hat k_1 R^2 + \hat k_2 R^4)`, :math:`\hat k_1 = k_1/f^2`, :math:`\hat k_2 = k_2/f^4`, so that the
+straightness of lines shows :math:`\hat k_1` but not f. In the lens family of Lopez-Antequera et al. (2019)
+:math:`\hat k_2 = 0.805\,\hat k_1^2 + 0.019\,\hat k_1/f^2`, and only the last, tiny term needs f.
+
+A twin of :func:`sextant.geometry.undistort_radius` without gradients, and equal to it; torch's cost for each call
+would be ten times that of the arithmetic.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+#: Steps of Newton's method from R = R_d: with this lens family the slope never falls below 0.4, and 8 are exact.
+STEPS = 8
+
+
+def apparent_k2(k1_hat: Float[ndarray, "*b"] | float, focal: Float[ndarray, "*b"] | float) -> Float[ndarray, "*b"]:
+    """Second coefficient in image heights of a lens with first coefficient ``k1_hat`` and focal length ``focal``."""
+    return np.asarray(0.805 * np.square(k1_hat) + 0.019 * np.asarray(k1_hat) / np.square(focal))
+
+
+def undistort_factor(
+    square: Float[ndarray, "*#b"], k1_hat: Float[ndarray, "*#b"] | float, k2_hat: Float[ndarray, "*#b"] | float
+) -> Float[ndarray, "*#b"]:
+    """Ratio ``R / R_d`` of undistorted to distorted radius, at the squared distorted radius ``square``.
+
+    Solves ``t (1 + A t^2 + B t^4) = 1`` for the ratio t, with ``A = k1_hat R_d^2``, ``B = k2_hat R_d^4``.
+    """
+    a, b = np.asarray(k1_hat * square), np.asarray(k2_hat * square * square)
+    ratio = np.ones_like(a)
+    for _ in range(STEPS if a.any() or b.any() else 0):
+        t2 = ratio * ratio
+        step = (ratio * (1 + t2 * (a + b * t2)) - 1) / (1 + t2 * (3 * a + 5 * b * t2))
+        ratio = ratio - step
+        if np.abs(step).max(initial=0) < 1e-8:  # the next would be its square
+            break
+    return ratio
+
+
+def undistort_points(
+    points: Float[ndarray, "*#b 2"], k1_hat: Float[ndarray, "*#b"] | float, k2_hat: Float[ndarray, "*#b"] | float
+) -> Float[ndarray, "*#b 2"]:
+    """Where a lens without distortion would show image points (image heights from the centre)."""
+    return np.asarray(points * undistort_factor(np.square(points).sum(-1), k1_hat, k2_hat)[..., None])
+
+
+def distort_points(points: Float[ndarray, "*b 2"], k1_hat: float, k2_hat: float) -> Float[ndarray, "*b 2"]:
+    """The inverse of :func:`undistort_points`."""
+    square = np.square(points).sum(-1, keepdims=True)
+    return np.asarray(points * (1 + square * (k1_hat + k2_hat * square)))

@@ -1,0 +1,112 @@
+r"""Distortion from bent lines: the lens that makes chains of edge pixels straight.
+
+Along a chain of n evenly spaced points let :math:`c_k = \sum_i q_k(i) p_i` with orthonormal polynomials :math:`q_k` of
+degree k. Then :math:`c_1` has its direction and extent :math:`L = |c_1|`, and the parts of :math:`c_2, c_3` across that
+are its bow and its S: both are 0 for a straight line, and finer wiggles, which are noise, are left out. Undoing barrel
+distortion stretches the picture, so that lengths are compared only relative to L: the deviation is
+:math:`e = L_0 |(c_2, c_3)_\perp| / (L \sqrt n)` with the original extent :math:`L_0`; without this a lens that shrinks
+the picture would win. The posterior of :math:`\hat k_1`, in image heights, is computed on a grid (Cauchy noise: curves of
+the world count little) and its peak refined. The focal length cannot be seen from straightness; the prior's enters the
+tiny term of :func:`~sextant.baselines.calibration.lens.apparent_k2` alone.
+
+Source of the idea: D. C. Brown, "Close-range camera calibration", 1971; F. Devernay, O. Faugeras, "Straight lines have
+to be straight", MVA 2001.
+"""
+
+from typing import Self
+
+import numpy as np
+from jaxtyping import Float, Float64, UInt8
+from numpy import ndarray
+
+from sextant.baselines.calibration.constant import prior_of_cameras
+from sextant.baselines.calibration.edge_chains import detect_chains
+from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior
+from sextant.baselines.calibration.lens import apparent_k2, undistort_points
+from sextant.baselines.calibration.method import CalibrationBaseline
+from sextant.geometry import CameraParameters
+
+#: Values of k1_hat that are tried.
+GRID = np.linspace(-1.8, 0.4, 56)
+#: Deviation of a chain of straight lines, in image heights.
+NOISE = 0.00025
+#: As how many independent measurements a chain counts, and all chains together at most.
+PER_CHAIN, AT_MOST = 1.5, 25.0
+#: Longest chains that take part.
+MOST_CHAINS = 100
+
+
+class PlumbLine(CalibrationBaseline):
+    """Distortion by the straightness of edges; tilt, roll and focal length are the prior's.
+
+    Args:
+        prior: belief about the camera; ``fit`` replaces it.
+    """
+
+    def __init__(self, prior: CameraPrior | None = None):
+        self.prior_ = prior or CameraPrior()
+
+    def fit(self, cameras: CameraParameters) -> Self:
+        """Learn how strong lenses bend and how long their focal lengths are."""
+        self.prior_ = prior_of_cameras(cameras, level=True)
+        return self
+
+    def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
+        """The camera that took ``image``: the prior, but for k1."""
+        chains = detect_chains(image)
+        k1_hat, sigma = straightening_k1_hat(chains, self.prior_)
+        vector, spread = self.prior_.vector, np.array(self.prior_.sigma)
+        vector[3], spread[3] = k1_hat, sigma
+        return CalibrationEstimate.of_vector(vector, np.diag(spread**2), self.prior_, len(chains))
+
+
+def straightening_k1_hat(chains: Float64[ndarray, "n points 2"], prior: CameraPrior) -> tuple[float, float]:
+    """Most probable ``k1_hat`` and its standard deviation, given chains (image heights) and the prior.
+
+    The prior's own where there are no chains.
+    """
+    if len(chains) == 0:
+        return prior.k1_hat, prior.sigma[3]
+    extent = np.linalg.norm(chains[:, -1] - chains[:, 0], axis=-1)
+    chains = chains[np.argsort(-extent, kind="stable")[:MOST_CHAINS]]
+    coarse = _negative_log_posterior(GRID, chains, prior)
+    step = GRID[1] - GRID[0]
+    finer = GRID[coarse.argmin()] + np.linspace(-step, step, 41)
+    fine = _negative_log_posterior(finer, chains, prior)
+    peak = float(finer[fine.argmin()])
+    # second moments about the peak, on both grids: the coarse one sees other modes, the fine one a narrow peak
+    sigma = max(_spread(GRID, coarse, peak), _spread(finer, fine, peak))
+    return peak, max(sigma, float(finer[1] - finer[0]))
+
+
+def deviations(
+    chains: Float64[ndarray, "n points 2"], k1_hat: Float64[ndarray, "a"], focal: float
+) -> Float64[ndarray, "a n"]:
+    """How far from straight each chain is behind each lens, in image heights; relative to its extent there."""
+    k1_hat = k1_hat[:, None, None]
+    points = undistort_points(chains[None], k1_hat, apparent_k2(k1_hat, focal))
+    extent = np.linalg.norm(_polynomials(chains[None])[0, :, 0], axis=-1)
+    line, *bends = np.moveaxis(_polynomials(points), 2, 0)
+    across = [line[..., 0] * bend[..., 1] - line[..., 1] * bend[..., 0] for bend in bends]
+    return np.asarray(extent * np.hypot(*across) / np.square(line).sum(-1) / np.sqrt(chains.shape[1]))
+
+
+def _polynomials(points: Float64[ndarray, "a n points 2"]) -> Float64[ndarray, "a n 3 2"]:
+    """Coefficients of degree 1 to 3 along chains, in an orthonormal basis."""
+    index = np.linspace(-1, 1, points.shape[2])
+    basis, _ = np.linalg.qr(np.vander(index, 4, increasing=True))
+    return np.asarray(np.einsum("anpd,pk->ankd", points, basis[:, 1:]))
+
+
+def _negative_log_posterior(
+    k1_hat: Float64[ndarray, "a"], chains: Float64[ndarray, "n points 2"], prior: CameraPrior
+) -> Float64[ndarray, "a"]:
+    excess = np.square(deviations(chains, k1_hat, prior.focal) / NOISE)
+    weight = 0.5 * min(PER_CHAIN, AT_MOST / len(chains))
+    belief = 0.5 * np.square((k1_hat - prior.k1_hat) / prior.sigma[3])
+    return np.asarray(weight * np.log1p(excess).sum(axis=1) + belief)
+
+
+def _spread(values: Float[ndarray, "a"], cost: Float[ndarray, "a"], peak: float) -> float:
+    mass = np.exp(cost.min() - cost)
+    return float(np.sqrt((mass * (values - peak) ** 2).sum() / mass.sum()))

@@ -1,0 +1,90 @@
+"""``sextant doctor``: whether what results rest on holds on this machine."""
+
+import math
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+from sextant.cli.console import console
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from sextant.evaluation.calibration_doctor import Crop, CrossTalk, Finding
+
+USAGE = "sextant doctor calibration"
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run the checks of one chapter; exit status 1 if one fails."""
+    if any(argument in ("-h", "--help") for argument in arguments):
+        print(f"{USAGE}\n\n  calibration  the geometry, losses and crops of single-image calibration, in seconds")
+    elif list(arguments) == ["calibration"]:
+        _calibration()
+    else:
+        raise UserError(f"doctor {' '.join(arguments)}: not understood".replace("  ", " "), USAGE)
+
+
+def _calibration() -> None:
+    from sextant.evaluation.calibration_doctor import examine
+
+    began = time.monotonic()
+    crop, why_not = _crop()
+    findings, cross_talk = examine(crop, why_not)
+    console.print(_findings_table(findings))
+    console.print(_cross_talk_table(cross_talk))
+    failed = [finding for finding in findings if not finding.passed]
+    skipped = sum(finding.skipped is not None for finding in findings)
+    told = f"{len(findings) - len(failed) - skipped} passed, {len(failed)} failed, {skipped} skipped"
+    console.print(f"{told}, in {time.monotonic() - began:.1f} s")
+    if failed:
+        raise SystemExit(1)
+
+
+def _crop() -> "tuple[Crop | None, str]":
+    """The function that cuts crops, or why there is none."""
+    try:
+        from sextant.data.calibration.crops import crop_panoramas
+    except ImportError as error:
+        return None, f"crops cannot be cut: {error}"
+    return crop_panoramas, ""
+
+
+def _findings_table(findings: "Sequence[Finding]") -> Table:
+    table = Table(title="calibration", title_justify="left", title_style="bold")
+    for name, side in (("check", "left"), ("figure", "left"), ("measured", "right"), ("limit", "right"), ("", "left")):
+        table.add_column(name, justify=side)  # type: ignore[arg-type]
+    before = None
+    for finding in findings:
+        state = "[yellow]skipped[/]" if finding.skipped else "[green]pass[/]" if finding.passed else "[red]FAIL[/]"
+        measured = escape(finding.skipped) if finding.skipped else f"{finding.value:.3g}"
+        name = finding.check if finding.check != before else ""
+        table.add_row(escape(name), escape(finding.figure), measured, _limit(finding), state)
+        before = finding.check
+    return table
+
+
+def _limit(finding: "Finding") -> str:
+    if math.isinf(finding.high):
+        return f">= {finding.low:g}"
+    return f"<= {finding.high:g}" if finding.low == 0 else f"{finding.low:g} to {finding.high:g}"
+
+
+def _cross_talk_table(rows: "Sequence[CrossTalk]") -> Table:
+    table = Table(
+        title="cross-talk: one number wrong, the joint loss chooses the other three (disentangled: 0)",
+        title_justify="left",
+        title_style="bold",
+    )
+    headings = ("wrong", "bearing, deg", "then", "rho", "roll, deg", "vfov, deg", "k1_hat", "disentangled")
+    for i, name in enumerate(headings):
+        table.add_column(name, justify="left" if i == 0 else "right")
+    for row in rows:
+        rho, roll, vfov, k1_hat = row.joint
+        biases = (rho, math.degrees(roll), math.degrees(vfov), k1_hat)
+        shown = ["" if bias == 0 else f"{bias:+.{digits}f}" for bias, digits in zip(biases, (3, 2, 1, 3), strict=True)]
+        largest = f"{max(map(abs, row.disentangled)):.0e}"
+        table.add_row(row.wrong, f"{row.before_deg:.2f}", f"{row.after_deg:.2f}", *shown, largest)
+    return table

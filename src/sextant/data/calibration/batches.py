@@ -1,0 +1,139 @@
+"""Crops of panoramas by the batch: which crops an epoch has is a function of (seed, epoch), so a resumed run sees them.
+
+A crop is named by its panorama and the number of its draw. Training draws are new in every epoch; those of validation
+and test are the same for every run.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64, UInt8
+from numpy import ndarray
+from sextant.data.calibration.camera_distributions import CameraDistribution
+from sextant.data.calibration.crops import crop_batch
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+from sextant.geometry import CameraParameters
+
+if TYPE_CHECKING:
+    from sextant.data.calibration.panoramas import Panoramas
+
+
+@dataclass(frozen=True)
+class CropBatch:
+    """Crops with the cameras that they were taken with.
+
+    Attributes:
+        images: bytes, ``(b, 3, h, w)``.
+        cameras: tilt, roll, focal and k1 of each, float32.
+        aspect: width over height of each image before it was squashed to the crop's size.
+        panoramas: index of the panorama of each.
+        indices: numbers of the crops in the split, which seed corruptions.
+    """
+
+    images: UInt8[Tensor, "b 3 h w"]
+    cameras: CameraParameters
+    aspect: Float[Tensor, "b"]
+    panoramas: Int64[Tensor, "b"]
+    indices: Int64[Tensor, "b"]
+
+    def to(self, device: torch.device, non_blocking: bool = False) -> "CropBatch":
+        """The batch on another device."""
+
+        def moved(tensor: Tensor) -> Tensor:
+            return tensor.to(device, non_blocking=non_blocking)
+
+        return CropBatch(
+            moved(self.images),
+            CameraParameters(*map(moved, self.cameras)),
+            moved(self.aspect),
+            moved(self.panoramas),
+            moved(self.indices),
+        )
+
+    def images_in_unit_range(self) -> Tensor:
+        """Images as float32 in [0, 1]."""
+        return self.images.float() / 255
+
+
+class Crops(Dataset[CropBatch]):
+    """Crops of panoramas by number: ``crops[[3, 1, 4]]`` is one batch of three.
+
+    Number ``i`` is draw ``i // n`` of panorama ``i % n``, with n panoramas.
+
+    Args:
+        panoramas: what is cropped.
+        distribution: of the cameras.
+        width: of a crop in pixels.
+        height: of a crop in pixels.
+        seed: of the draws.
+        antialias: average over the area of a pixel.
+    """
+
+    def __init__(
+        self,
+        panoramas: "Panoramas",
+        distribution: CameraDistribution,
+        width: int,
+        height: int,
+        seed: int,
+        *,
+        antialias: bool = True,
+    ):
+        self.panoramas, self.distribution, self.seed = panoramas, distribution, seed
+        self.width, self.height, self.antialias = width, height, antialias
+
+    def __getitem__(self, numbers: list[int] | Tensor) -> CropBatch:
+        chosen = np.asarray(numbers, np.int64)
+        which, draws = chosen % len(self.panoramas), chosen // len(self.panoramas)
+        draw = self.distribution.draw_for(which, draws, self.seed)
+        images = crop_batch(
+            self.panoramas, which, draw, self.width, self.height,
+            k2_of_k1=self.distribution.k2_of_k1, antialias=self.antialias,
+        )  # fmt: skip
+        return CropBatch(
+            torch.as_tensor(images),
+            draw.cameras.to(dtype=torch.float32),
+            draw.aspect.float(),
+            torch.from_numpy(which),
+            torch.from_numpy(chosen),
+        )
+
+    def cameras(self, count: int) -> CameraParameters:
+        """The first ``count`` cameras without their images, in float64."""
+        numbers: Int64[ndarray, "n"] = np.arange(count)
+        n = len(self.panoramas)
+        return self.distribution.draw_for(numbers % n, numbers // n, self.seed).cameras
+
+
+class CropSampler(Sampler[Tensor]):
+    """Batches of crop numbers.
+
+    Args:
+        count: crops in an epoch.
+        batch_size: crops in a batch; the last of an epoch may be smaller.
+        seed: of the order; None keeps the order, and the same crops in every epoch.
+    """
+
+    def __init__(self, count: int, batch_size: int, seed: int | None = None):
+        self.count, self.batch_size, self.seed = count, batch_size, seed
+        self.epoch = 0
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the epoch; the trainer calls this before each."""
+        self.epoch = epoch
+
+    def __len__(self) -> int:
+        return math.ceil(self.count / self.batch_size)
+
+    def __iter__(self) -> Iterator[Tensor]:
+        numbers = torch.arange(self.count)
+        if self.seed is not None:
+            generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.epoch)
+            numbers = self.epoch * self.count + torch.randperm(self.count, generator=generator)
+        return iter(numbers.split(self.batch_size))

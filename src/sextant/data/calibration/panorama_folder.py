@@ -1,0 +1,213 @@
+"""The user's own panoramas: a folder of images that are twice as wide as high."""
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
+from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split, telling_every
+from sextant.data.rendered.disk import telling_disk_errors, write_atomically
+from sextant.data.source import MissingDataError, file_sha256
+from sextant.errors import UserError
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
+#: changes when the same files would be decoded into other pixels
+DECODER = 1
+#: bad files that a message names
+NAMED = 20
+
+
+class PanoramaFolder:
+    """All panoramas below a folder, split by scene.
+
+    A scene is what ``groups`` finds in a file's name; without it, the part before ``__`` if that is one of
+    ``together``, else the file itself. No scene is in two splits. Images are scaled to one height and kept in the
+    cache, so that each is decoded once.
+
+    Args:
+        folder: the folder, absolute, or relative to the working directory or one of the ``roots``.
+        height: rows that the panoramas are scaled to.
+        fractions: of the panoramas in ``train``, ``val`` and ``test``, about; scenes are not cut.
+        seed: of the split.
+        groups: regular expression searched for in the path below the folder; its first group, or all of it, is the
+            scene. Files without it are scenes of their own.
+        together: prefixes, up to ``__``, that are one scene each: many pictures of one house, say.
+        roots: folders to look in as well; decoded panoramas are kept in the last.
+
+    Raises:
+        UserError: an argument has no meaning.
+    """
+
+    name = "panorama_folder"
+
+    def __init__(
+        self,
+        folder: str,
+        height: int = 512,
+        fractions: Mapping[Split, float] | None = None,
+        seed: int = 0,
+        groups: str | None = None,
+        together: Sequence[str] = ("amsterdam", "zind"),
+        roots: Sequence[Path | str] = (),
+    ):
+        self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
+        self.cache = Path(roots[-1]) if roots else None
+        self.height, self.seed, self.together = height, seed, tuple(together)
+        self.fractions: dict[Split, float] = dict(fractions or {"train": 0.7, "val": 0.1, "test": 0.2})
+        if set(self.fractions) != set(SPLITS) or min(self.fractions.values()) < 0 or not sum(self.fractions.values()):
+            raise UserError(
+                f"dataset.fractions={self.fractions} must give a share, 0 or more, of each of {', '.join(SPLITS)}",
+                "For example fractions: {train: 0.7, val: 0.1, test: 0.2}",
+            )
+        if height < SMALLEST_HEIGHT:
+            raise UserError(f"dataset.height={height} must be at least {SMALLEST_HEIGHT}", "dataset.height=512")
+        try:
+            self._pattern = None if groups is None else re.compile(groups)
+        except re.error as error:
+            raise UserError(
+                f"dataset.groups={groups!r} is no regular expression: {error}", "For example groups: '^([^_]+)_'"
+            ) from None
+
+    @cached_property
+    def folder(self) -> Path:
+        """The first of the places looked in that is a folder."""
+        for path in self.looked:
+            if path.is_dir():
+                return path
+        places = "\n".join(f"  {path}" for path in self.looked)
+        raise MissingDataError(
+            f"dataset.folder: no such folder. Looked for\n{places}",
+            "Give a folder of panoramas twice as wide as high: dataset.folder=/path/to/panoramas. "
+            "Without panoramas of your own: dataset=town_panoramas",
+        )
+
+    def scene(self, path: Path) -> str:
+        """The scene that a file shows, by its name."""
+        name = path.relative_to(self.folder).as_posix()
+        if self._pattern is not None:
+            found = self._pattern.search(name)
+            return name if found is None else next((group for group in found.groups() if group), found[0])
+        prefix, separator, _ = path.name.partition("__")
+        return prefix if separator and prefix in self.together else name
+
+    @cached_property
+    def _files(self) -> dict[Split, list[Path]]:
+        paths = sorted(_images(self.folder))
+        scenes: dict[str, list[Path]] = {}
+        for path in paths:
+            scenes.setdefault(self.scene(path), []).append(path)
+        wanted = [split for split in SPLITS if self.fractions[split] > 0]
+        if len(scenes) < len(wanted):
+            raise MissingDataError(
+                f"dataset.folder={self.folder}: {len(paths)} images of {len(scenes)} scenes, "
+                f"too few for the splits {', '.join(wanted)}",
+                f"Add panoramas ({', '.join(SUFFIXES[:3])}, ...), or look at dataset.groups and dataset.together.",
+            )
+        side = split_scenes({scene: len(files) for scene, files in scenes.items()}, self.fractions, self.seed)
+        return {split: [path for path in paths if side[self.scene(path)] == split] for split in SPLITS}
+
+    def files(self, split: Split) -> list[Path]:
+        """The images of a split, sorted; nothing is decoded.
+
+        Raises:
+            MissingDataError: there is no such folder, or it has fewer scenes than there are splits.
+        """
+        return self._files[split]
+
+    def fingerprint(self) -> str:
+        """Hash of the names and contents of all files and of how they are split."""
+        entries = [[split, self._digest(split)] for split in SPLITS]
+        return hashlib.sha256(json.dumps(entries).encode()).hexdigest()
+
+    def read(self, split: Split) -> Panoramas:
+        """The panoramas of a split, decoded at the first time and mapped from the cache from then on.
+
+        Raises:
+            UserError: files are no panoramas; all of them are named.
+        """
+        paths = self.files(split)
+        if not paths:
+            raise UserError(f"dataset.folder={self.folder}: no {split} panoramas", f"dataset.fractions.{split}=0.2")
+        names = [path.relative_to(self.folder).as_posix() for path in paths]
+        shape = (len(paths), self.height, 2 * self.height, 3)
+        if self.cache is None:
+            return Panoramas(self._decoded(paths, split), names)
+        folder = self.cache / f"{self.name}-{self._digest(split)[:16]}"
+        kept = folder / f"{split}.npy"
+        if not _is_array(kept, shape):
+            images = self._decoded(paths, split)
+            with telling_disk_errors(folder, lambda: images.nbytes):
+                folder.mkdir(parents=True, exist_ok=True)
+                write_atomically(kept, lambda file: np.lib.format.write_array(file, images, allow_pickle=False))
+        return Panoramas(np.load(kept, mmap_mode="r", allow_pickle=False), names)
+
+    def _digest(self, split: Split) -> str:
+        files = [[path.relative_to(self.folder).as_posix(), file_sha256(path)] for path in self.files(split)]
+        return hashlib.sha256(json.dumps([DECODER, self.height, files]).encode()).hexdigest()
+
+    def _decoded(self, paths: Sequence[Path], split: Split) -> UInt8[ndarray, "n h w 3"]:
+        images = np.empty((len(paths), self.height, 2 * self.height, 3), np.uint8)
+        tell = telling_every(5.0, f"decoding {split} panoramas of {self.folder}")
+        bad: list[str] = []
+
+        def decode(i: int) -> None:
+            try:
+                images[i] = decode_panorama(paths[i], self.height)
+            except UnfitImageError as error:
+                bad.append(f"  {paths[i].relative_to(self.folder)} {error}")
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # Pillow decodes outside the interpreter lock
+            for done, _ in enumerate(pool.map(decode, range(len(paths))), start=1):
+                tell(done, len(paths))
+        if bad:
+            more = f"\n  and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
+            listed = "\n".join(sorted(bad)[:NAMED])
+            raise UserError(
+                f"dataset.folder={self.folder}: {len(bad)} of {len(paths)} {split} files are no panoramas\n"
+                f"{listed}{more}",
+                "Replace them or take them out of the folder.",
+            )
+        return images
+
+
+def split_scenes(sizes: Mapping[str, int], fractions: Mapping[Split, float], seed: int) -> dict[str, Split]:
+    """The split of each scene: large scenes first, each into the split that lacks most; none of the splits is empty.
+
+    Scenes of one size are taken in an order that ``seed`` decides.
+    """
+    total, share = sum(sizes.values()), sum(fractions.values())
+    wanted = {split: total * fractions[split] / share for split in SPLITS if fractions[split] > 0}
+    order = {scene: hashlib.sha256(f"{seed}:{scene}".encode()).hexdigest() for scene in sizes}
+    side: dict[str, Split] = {}
+    lacking = dict(wanted)
+    empty = set(wanted)
+    for left, scene in zip(
+        range(len(sizes), 0, -1), sorted(sizes, key=lambda scene: (-sizes[scene], order[scene])), strict=True
+    ):
+        candidates = empty if left <= len(empty) else set(wanted)
+        side[scene] = max(candidates, key=lambda split: (lacking[split], split))
+        lacking[side[scene]] -= sizes[scene]
+        empty.discard(side[scene])
+    return side
+
+
+def _images(folder: Path) -> Iterator[Path]:
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
+
+
+def _is_array(path: Path, shape: tuple[int, ...]) -> bool:
+    """Whether a file holds a whole array of bytes of this shape."""
+    try:
+        return bool(np.load(path, mmap_mode="r", allow_pickle=False).shape == shape)
+    except (OSError, ValueError):
+        return False

@@ -1,0 +1,214 @@
+"""Panoramas to crop, and where they come from: a rendered town, a folder, or several of these."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant.data.calibration.pyramids import Kept, halved, padded
+from sextant.data.rendered.lock import tell_stderr
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+    from sextant.data.worlds.towns import TownPanoramas
+
+Split = Literal["train", "val", "test"]
+SPLITS: tuple[Split, ...] = get_args(Split)
+#: bytes of resized panoramas that are kept in memory
+KEPT_BYTES = 2 * 2**30
+
+
+class Panoramas:
+    """Panoramas of one split, and their pyramids.
+
+    Args:
+        images: upright panoramas ``(h, w, 3)`` of any sizes, or an array ``(n, h, w, 3)`` that may lie on disk.
+        names: one for each.
+        rows: which images these are; None for all.
+    """
+
+    def __init__(
+        self,
+        images: Sequence[UInt8[ndarray, "h w 3"]] | UInt8[ndarray, "n h w 3"],
+        names: Sequence[str],
+        rows: Sequence[int] | ndarray | None = None,
+    ):
+        self.images, self.names = images, tuple(names)
+        self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
+        if len(self._rows) != len(self.names):
+            raise ValueError(f"{len(self._rows)} panoramas with {len(self.names)} names")
+        self._levels: Kept[ndarray] = Kept(KEPT_BYTES, _bytes)
+        self._on_device: Kept[Tensor] = Kept(KEPT_BYTES, _bytes)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, i: int) -> UInt8[ndarray, "h w 3"]:
+        return np.asarray(self.images[self._rows[i]])
+
+    def level(self, i: int, level: int) -> UInt8[ndarray, "h w 4"]:
+        """Panorama ``i`` halved ``level`` times, padded; worked out once and kept while :data:`KEPT_BYTES` last."""
+        return self._levels.get((i, level), lambda: padded(self._halved(i, level)))
+
+    def level_on(self, i: int, level: int, device: "torch.device") -> "UInt8[Tensor, '3 h w']":
+        """The same on a device, channels first; kept there as long."""
+        import torch
+
+        def moved() -> torch.Tensor:
+            planes = np.ascontiguousarray(self.level(i, level)[..., :3].transpose(2, 0, 1))
+            return torch.from_numpy(planes).to(device)
+
+        return self._on_device.get((i, level, device), moved)
+
+    def _halved(self, i: int, level: int) -> ndarray:
+        return self[i] if level == 0 else halved(self.level(i, level - 1)[1:-1, 1:-1])
+
+
+def telling_every(seconds: float, what: str) -> Callable[[int, int], None]:
+    """A function that prints how far the work is to the standard error, every so often."""
+    told = time.monotonic()
+
+    def tell(done: int, total: int) -> None:
+        nonlocal told
+        if time.monotonic() - told > seconds:
+            told = time.monotonic()
+            tell_stderr(f"{what}: {done:,}/{total:,} images")
+
+    return tell
+
+
+def _bytes(array: "ndarray | Tensor") -> int:
+    return int(array.nbytes)
+
+
+@runtime_checkable
+class PanoramaSource(Protocol):
+    """A dataset of panoramas in three splits.
+
+    Attributes:
+        name: of the dataset in messages.
+    """
+
+    name: str
+
+    def files(self, split: Split) -> list[Path]:
+        """The files that ``split`` is read from; nothing is rendered or decoded.
+
+        Raises:
+            UserError: they are not there.
+        """
+
+    def fingerprint(self) -> str:
+        """Hash that changes when the data does."""
+
+    def read(self, split: Split) -> Panoramas:
+        """The panoramas of a split.
+
+        Raises:
+            UserError: a file cannot be read; it is named.
+        """
+
+
+class TownPanoramaSource:
+    """The rendered panoramas of :class:`~sextant.data.worlds.TownPanoramas`; rendered when they are first read.
+
+    Args:
+        dataset: what to render, and where it is kept.
+        progress: called with the number of panoramas on disk and of all while they are rendered; None for a line on
+            the standard error every few seconds.
+        threads: that render.
+    """
+
+    def __init__(self, dataset: "TownPanoramas", progress: Callable[[int, int], None] | None = None, threads: int = 1):
+        self.dataset, self.threads = dataset, threads
+        self.name = dataset.name
+        self.progress = progress or telling_every(5.0, f"rendering {dataset.name}")
+
+    def files(self, split: Split) -> list[Path]:
+        """None: what is missing is rendered."""
+        return []
+
+    def fingerprint(self) -> str:
+        """Hash of the config and of the source that renders it."""
+        return self.dataset.plan().digest
+
+    def read(self, split: Split) -> Panoramas:
+        """The panoramas of a split, in a map of the file they lie in."""
+        from sextant.data.rendered import open_store
+        from sextant.data.rendered.layout import StoreLayout
+
+        plan = self.dataset.plan()
+        store = open_store(plan, self.dataset.cache)
+        if not store.complete:
+            store.fill(self.progress, self.threads)
+        rows = np.flatnonzero(store.columns["split"] == plan.splits.index(split))
+        if not len(rows):
+            raise UserError(f"dataset={self.name} has no {split} panoramas", f"dataset.images.{split}=16")
+        scene = store.columns["scene"][rows]
+        names = [f"town_{scene[k]:02d}__{row:05d}" for k, row in enumerate(rows)]
+        images = np.load(StoreLayout(store.directory).array("images"), mmap_mode="r", allow_pickle=False)
+        return Panoramas(images, names, rows)
+
+
+class PanoramaMix:
+    """Several sources joined, split by split.
+
+    Args:
+        sources: what is joined: datasets with panoramas, or functions of ``roots`` that make one (``_partial_: true``
+            in a config).
+        roots: handed to these functions.
+    """
+
+    def __init__(self, sources: Sequence[Any], roots: Sequence[Path | str] = ()):
+        if not sources:
+            raise UserError("dataset.sources is empty: a mix of panoramas needs at least one source")
+        made = [source(roots=roots) if isinstance(source, partial) else source for source in sources]
+        self.sources = [as_panorama_source(source) for source in made]
+        self.name = "+".join(source.name for source in self.sources)
+
+    def files(self, split: Split) -> list[Path]:
+        """Those of all sources."""
+        return [path for source in self.sources for path in source.files(split)]
+
+    def fingerprint(self) -> str:
+        """Hash of those of all sources."""
+        prints = [source.fingerprint() for source in self.sources]
+        return hashlib.sha256(json.dumps(prints).encode()).hexdigest()
+
+    def read(self, split: Split) -> Panoramas:
+        """The panoramas of all sources, one after the other."""
+        parts = [source.read(split) for source in self.sources]
+        images = [part[i] for part in parts for i in range(len(part))]
+        names = [
+            f"{source.name}/{name}" for source, part in zip(self.sources, parts, strict=True) for name in part.names
+        ]
+        return Panoramas(images, names)
+
+
+def as_panorama_source(dataset: Any) -> PanoramaSource:
+    """A dataset as a source of panoramas.
+
+    Raises:
+        UserError: it has none.
+    """
+    from sextant.data.worlds.towns import TownPanoramas
+
+    if isinstance(dataset, TownPanoramas):
+        return TownPanoramaSource(dataset)
+    if isinstance(dataset, PanoramaSource) and hasattr(dataset, "name") and not hasattr(dataset, "spec"):
+        return dataset
+    name = getattr(dataset, "name", type(dataset).__name__)
+    raise UserError(
+        f"dataset={name} has no panoramas, which task=calibration needs",
+        "Choose town_panoramas (rendered here) or panorama_folder (your own).",
+    )

@@ -1,0 +1,133 @@
+r"""Intervals that hold the truth as often as they say, whatever the network: split-conformal prediction.
+
+The *score* of an image is its error over the expected error that the network gives for it, :math:`s = |e| / \sigma`.
+From the sorted scores of n validation images, which trained nothing, the interval at level :math:`1 - \alpha` is
+
+.. math:: \hat y \pm q\,\sigma, \qquad q = s_{(\lceil (n + 1)(1 - \alpha) \rceil)} ,
+
+infinite if the rank exceeds n. If a new image is exchangeable with them, the interval holds the truth with probability
+at least :math:`1 - \alpha`, and for scores without ties at most :math:`1 - \alpha + 1/(n + 1)`. Both are averages over
+validation sets and new images together; given one validation set the coverage scatters by about
+:math:`\sqrt{\alpha(1 - \alpha)/n}`, and it is not the coverage of any one kind of image.
+
+Crops of one panorama are not exchangeable with those of a new one. With m crops from each of K panoramas the guarantee
+is kept, for one crop of a new panorama, by giving the new panorama the weight of a whole one: among the n = K m scores
+the rank :math:`\lceil (n + m)(1 - \alpha) \rceil`, so that levels above :math:`K/(K + 1)` give infinite intervals.
+
+Sources: J. Lei et al., "Distribution-free predictive inference for regression", JASA 2018; Y. Lee, R. F. Barber,
+R. Willett, "Distribution-free inference with hierarchical data", 2023, for clusters.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Integer
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.evaluation.calibration_summary import cluster_resamples
+
+#: levels at which coverage is drawn, and those that tables give
+LEVELS = tuple(round(0.05 * step, 2) for step in range(1, 20))
+TABLE_LEVELS = (0.5, 0.68, 0.9, 0.95)
+
+
+@dataclass(frozen=True)
+class CoverageCurve:
+    """How often intervals held the truth on test images, by level; one column for each of k parameters.
+
+    Attributes:
+        levels: that the intervals were made for.
+        coverage: share of the images whose interval holds the truth.
+        low, high: its 95 % interval by a bootstrap over the test panoramas.
+        multipliers: q of each level.
+    """
+
+    levels: Float[ndarray, "l"]
+    coverage: Float[ndarray, "l k"]
+    low: Float[ndarray, "l k"]
+    high: Float[ndarray, "l k"]
+    multipliers: Float[ndarray, "l k"]
+
+
+def conformal_rank(count: int, level: float, per_panorama: int = 1) -> int:
+    """Which of ``count`` sorted scores bounds the intervals of a level, from 1; above ``count`` means infinity.
+
+    ``ceil((n + m) level)``, with a product that is whole but for rounding taken as whole: 0.55 x 100 is 55.
+
+    Raises:
+        ValueError: the level is not in (0, 1), or ``per_panorama`` does not divide ``count``.
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level must lie in (0, 1), got {level}")
+    if per_panorama < 1 or count % per_panorama:
+        raise ValueError(f"{count} scores are not {per_panorama} from each of some panoramas")
+    exact = (count + per_panorama) * level
+    return round(exact) if math.isclose(exact, round(exact), rel_tol=1e-12) else math.ceil(exact)
+
+
+def conformal_quantile(scores: Float[Tensor, "n *k"], level: float, per_panorama: int = 1) -> Float[Tensor, "*k"]:
+    """Multipliers of the expected errors that make intervals of ``level``; see the module.
+
+    Args:
+        scores: of validation images, in any order, one column a parameter.
+        level: in (0, 1).
+        per_panorama: validation crops of each panorama; with 1, crops count as independent.
+
+    Raises:
+        ValueError: as for :func:`conformal_rank`.
+    """
+    rank = conformal_rank(len(scores), level, per_panorama)
+    if rank > len(scores):
+        return scores.new_full(scores.shape[1:], torch.inf)
+    return scores.nan_to_num(nan=torch.inf, posinf=torch.inf).sort(0).values[rank - 1]
+
+
+def coverage(scores: Float[Tensor, "n *k"], quantile: Float[Tensor, "*k"]) -> Float[Tensor, "*k"]:
+    """Share of test images whose interval holds the truth, given their scores; a score of nan does not."""
+    return (scores <= quantile).double().mean(0)
+
+
+def coverage_curve(
+    validation: Float[Tensor, "n k"],
+    test: Float[Tensor, "t k"],
+    panoramas: Integer[ndarray, "t"],
+    levels: tuple[float, ...] = LEVELS,
+    *,
+    per_panorama: int = 1,
+    resamples: int = 1000,
+    seed: int = 0,
+) -> CoverageCurve:
+    """Coverage on test images of the intervals made from validation scores.
+
+    Args:
+        validation: scores that the intervals rest on.
+        test: scores of the test images.
+        panoramas: which panorama each test image was cut from; the bootstrap draws whole ones.
+        levels: of the intervals.
+        per_panorama: validation crops of each panorama.
+        resamples: of the bootstrap.
+        seed: of the bootstrap.
+    """
+    clusters = np.unique(panoramas, return_inverse=True)[1].astype(np.int64)
+    counts = cluster_resamples(clusters, resamples, seed)
+    drawn = (counts @ np.bincount(clusters))[:, None]
+    multipliers = torch.stack([conformal_quantile(validation, level, per_panorama) for level in levels])
+    rows, lows, highs = [], [], []
+    for quantile in multipliers:
+        held = (test <= quantile).double().cpu().numpy()
+        per_cluster = np.stack([np.bincount(clusters, weights=column) for column in held.T], axis=1)
+        low, high = np.quantile(counts @ per_cluster / drawn, [0.025, 0.975], axis=0)
+        rows.append(held.mean(0))
+        lows.append(low)
+        highs.append(high)
+    return CoverageCurve(
+        np.array(levels), np.stack(rows), np.stack(lows), np.stack(highs), multipliers.double().cpu().numpy()
+    )
+
+
+def half_widths(scale: Float[Tensor, "b *k"], quantile: Float[Tensor, "*k"]) -> Float[Tensor, "b *k"]:
+    """Half the length of each image's intervals, ``q σ``, in the unit of the expected errors."""
+    return scale * quantile

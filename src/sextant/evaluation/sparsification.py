@@ -1,0 +1,80 @@
+r"""Whether a predicted uncertainty tells which images go wrong.
+
+Images are taken away one by one, the most uncertain first; the *sparsification curve* is the mean error of the rest,
+divided by the mean error of all. The *oracle* takes the largest error first: no order lies below it. Taking images away
+at random leaves 1 on average. With A(.) the area between a curve and the oracle's, over the share taken away,
+
+.. math:: \mathrm{AUSE} = A(\text{uncertainty}), \qquad
+          \mathrm{relative} = A(\text{uncertainty}) / A(\text{random}) ,
+
+so that the relative area is 0 for an uncertainty that orders images as their errors do, 1 for one that says nothing and
+more for one that misleads. Images of equal uncertainty count as taken away in random order: a constant gives exactly 1.
+
+Source: E. Ilg et al., "Uncertainty estimates and multi-hypotheses networks for optical flow", ECCV 2018.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy import stats
+
+
+@dataclass(frozen=True)
+class Sparsification:
+    """Curves over the share of images taken away, and what they say; see the module.
+
+    Attributes:
+        removed: share taken away, from 0 to 1 - 1/n.
+        curve: mean error of the rest over that of all, by uncertainty.
+        oracle: the same by the errors themselves.
+        ause: area between the two.
+        relative: ``ause`` over that of random order; nan if all errors are equal, as no order then matters.
+        spearman: rank correlation of uncertainty and error; nan if either is constant.
+    """
+
+    removed: Float[ndarray, "n"]
+    curve: Float[ndarray, "n"]
+    oracle: Float[ndarray, "n"]
+    ause: float
+    relative: float
+    spearman: float
+
+
+def sparsification(errors: Float[ndarray, "n"], uncertainty: Float[ndarray, "n"]) -> Sparsification:
+    """How well ``uncertainty`` orders ``errors``.
+
+    Args:
+        errors: absolute, finite.
+        uncertainty: of each; only its order matters.
+
+    Raises:
+        ValueError: there are no errors, their mean is 0, or a value is not finite, negative or without its partner.
+    """
+    errors, uncertainty = np.asarray(errors, float), np.asarray(uncertainty, float)
+    if errors.shape != uncertainty.shape or not len(errors):
+        raise ValueError(f"need an uncertainty for each error, got {uncertainty.shape} for {errors.shape}")
+    if not (np.isfinite(errors).all() and np.isfinite(uncertainty).all() and (errors >= 0).all() and errors.any()):
+        raise ValueError("errors and uncertainties must be finite, errors not negative and not all 0")
+    count = len(errors)
+    curve, oracle = _kept_means(errors, uncertainty) / errors.mean(), _kept_means(errors, errors) / errors.mean()
+    area, of_random = float((curve - oracle).mean()), float((1 - oracle).mean())
+    alike = np.ptp(errors) == 0
+    constant = alike or np.ptp(uncertainty) == 0
+    return Sparsification(
+        removed=np.arange(count) / count,
+        curve=curve,
+        oracle=oracle,
+        ause=area,
+        relative=float("nan") if alike else area / of_random,
+        spearman=float("nan") if constant else float(stats.spearmanr(errors, uncertainty).statistic),
+    )
+
+
+def _kept_means(errors: Float[ndarray, "n"], by: Float[ndarray, "n"]) -> Float[ndarray, "n"]:
+    """Mean error of what is left when 0, 1, ... n - 1 images with the largest ``by`` are gone."""
+    _, tie, sizes = np.unique(by, return_inverse=True, return_counts=True)
+    expected = (np.bincount(tie, weights=errors) / sizes)[tie]  # ties leave in random order
+    kept = np.cumsum(expected[np.argsort(by)]) / np.arange(1, len(errors) + 1)
+    return kept[::-1]

@@ -1,0 +1,72 @@
+r"""Losses on the parameters themselves: :math:`\frac14 \sum_a h(s_a(\hat a - a))` over the four numbers.
+
+The scale :math:`s_a` is the question: in ``raw`` units (degrees, and the focal length in pixels of an image 224 high)
+the large numbers drown the small ones; ``range`` divides by the width of each number's range; ``natural`` takes
+radians and image heights as they are.
+"""
+
+from typing import Literal, get_args
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.geometry import ParameterSpace
+from sextant.losses.camera_loss import CameraLoss, at_least_single
+
+Units = Literal["raw", "range", "natural"]
+Penalty = Literal["l2", "huber"]
+RAW_HEIGHT_PX = 224.0
+DEGREES = 180 / torch.pi
+#: raw units per natural unit
+RAW = {"focal": RAW_HEIGHT_PX, "k1": 1.0, "k1_hat": 1.0, "rho": RAW_HEIGHT_PX, "tau": RAW_HEIGHT_PX}
+
+
+class ParameterLoss(CameraLoss):
+    r"""Squares or Huber's penalty of the errors of the four numbers.
+
+    ``l2``: :math:`h(e) = e^2`. ``huber``: :math:`h(e) = \tfrac12 e^2` for :math:`|e| \le \delta`, else
+    :math:`\delta(|e| - \tfrac12 \delta)`, twice over, so that it equals ``l2`` near 0.
+
+    Args:
+        space: the parameterization and its ranges.
+        units: ``raw``, ``range`` or ``natural``.
+        penalty: ``l2`` or ``huber``.
+        delta: where Huber's penalty becomes linear, in these units.
+
+    Raises:
+        UserError: units or penalty are unknown, or ``delta`` is not positive.
+    """
+
+    scale: Tensor
+
+    def __init__(self, space: ParameterSpace, *, units: Units = "range", penalty: Penalty = "l2", delta: float = 1.0):
+        super().__init__(space)
+        if units not in get_args(Units):
+            raise UserError(f"loss.units={units!r} must be one of {', '.join(get_args(Units))}", "loss.units=range")
+        if penalty not in get_args(Penalty):
+            raise UserError(
+                f"loss.penalty={penalty!r} must be one of {', '.join(get_args(Penalty))}", "loss.penalty=l2"
+            )
+        if not delta > 0:
+            raise UserError(f"loss.delta={delta} must be above 0", "For example loss.delta=1.0")
+        self.penalty, self.delta = penalty, delta
+        if units == "range":
+            scale = 1 / (space.high - space.low)
+        elif units == "raw":
+            scale = torch.tensor([RAW.get(name, DEGREES) for name in space.parameterization.names])
+        else:
+            scale = torch.ones(4)
+        self.register_buffer("scale", scale.float(), persistent=False)
+
+    def forward(
+        self, predicted: Float[Tensor, "b 4"], truth: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]
+    ) -> Float[Tensor, "b"]:
+        """Mean penalty over the four numbers; ``aspect`` plays no part."""
+        predicted, truth = at_least_single(predicted, truth)
+        error = (predicted - truth) * self.scale
+        if self.penalty == "l2":
+            return error.square().mean(-1)
+        size = error.abs()
+        return torch.where(size <= self.delta, size.square(), self.delta * (2 * size - self.delta)).mean(-1)

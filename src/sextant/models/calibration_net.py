@@ -1,0 +1,68 @@
+"""From an image to the four numbers of a camera, each with how far off it may be."""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+HIDDEN = 64
+#: of the log of a predicted scale: e^-7 rad is 0.05 degrees, e^2 is beyond any range
+LOG_SCALE = (-7.0, 2.0)
+
+
+class CalibrationOutput(NamedTuple):
+    """What the network says.
+
+    Attributes:
+        unit: the four numbers along their ranges, each in (0, 1).
+        log_scale: log of the expected absolute error of tilt, roll, vfov (radians) and apparent distortion.
+    """
+
+    unit: Float[Tensor, "b 4"]
+    log_scale: Float[Tensor, "b 4"]
+
+
+def coordinate_channels(height: int, width: int, aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 3 height width"]:
+    """Where each pixel lies: u, v in image heights from the centre, and u² + v²; ``aspect`` is width over height.
+
+    Source: R. Liu et al., "An intriguing failing of convolutional neural networks and the CoordConv solution", 2018.
+    """
+    v = (torch.arange(height, dtype=aspect.dtype, device=aspect.device) + 0.5) / height - 0.5
+    u = ((torch.arange(width, dtype=aspect.dtype, device=aspect.device) + 0.5) / width - 0.5) * aspect[:, None]
+    v, u = v[None, :, None].expand(len(aspect), height, width), u[:, None, :].expand(-1, height, width)
+    return torch.stack([u, v, u * u + v * v], 1)
+
+
+class CalibrationNet(nn.Module):
+    """A backbone with a head for each of the four numbers, and one for each expected error.
+
+    The heads of the expected errors see the features but do not shape them: with them or without, the same camera is
+    predicted.
+
+    Args:
+        backbone: maps ``(b, c, h, w)`` to ``features`` numbers; c is 6 with ``coordinates``, else 3.
+        features: how many.
+        coordinates: append the channels of :func:`coordinate_channels`.
+    """
+
+    def __init__(self, backbone: nn.Module, features: int, *, coordinates: bool = True):
+        super().__init__()
+        self.backbone, self.coordinates = backbone, coordinates
+        self.values = nn.ModuleList(_head(features) for _ in range(4))
+        self.scales = nn.ModuleList(_head(features) for _ in range(4))
+
+    def forward(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> CalibrationOutput:
+        """Outputs for images in [0, 1] whose width is ``aspect`` times their height before they were squashed."""
+        x = 2 * images - 1
+        if self.coordinates:
+            x = torch.cat([x, coordinate_channels(images.shape[-2], images.shape[-1], aspect.to(x))], 1)
+        features = F.relu(self.backbone(x))
+        unit = torch.sigmoid(torch.cat([head(features) for head in self.values], 1))
+        log_scale = torch.cat([head(features.detach()) for head in self.scales], 1)
+        return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE))
+
+
+def _head(features: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(features, HIDDEN), nn.ReLU(inplace=True), nn.Linear(HIDDEN, 1))

@@ -1,0 +1,58 @@
+"""A small convolutional network that trains in minutes on a CPU."""
+
+import math
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+GROUP = 8
+
+
+class StridedCNN(nn.Module):
+    """3x3 convolutions of stride 2, each with group normalisation and ReLU, one of stride 1, pooling to a small grid.
+
+    Group normalisation has no batch statistics, so that small batches train well and a picture is judged alone. The
+    grid keeps where on the image something was seen, which a mean over the whole image would lose.
+
+    Args:
+        in_channels: channels of the image.
+        image_size: height and width of the image in pixels.
+        num_classes: numbers that the last, linear layer gives.
+        widths: channels of the layers, multiples of 8; all but the last halve the sides.
+        grid: height and width of the grid that is pooled to.
+
+    Raises:
+        ValueError: a width is not a multiple of 8, or the image is too small for the layers.
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        image_size: tuple[int, int],
+        num_classes: int,
+        *,
+        widths: tuple[int, ...] = (24, 48, 96, 128, 160),
+        grid: tuple[int, int] = (3, 4),
+    ):
+        super().__init__()
+        if any(width % GROUP for width in widths):
+            raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
+        smallest = tuple(math.ceil(side / 2 ** (len(widths) - 1)) for side in image_size)
+        if smallest[0] < grid[0] or smallest[1] < grid[1]:
+            raise ValueError(f"images of {image_size[0]}x{image_size[1]} are too small for {len(widths)} layers")
+        layers: list[nn.Module] = []
+        for i, width in enumerate(widths):
+            stride = 2 if i < len(widths) - 1 else 1
+            layers += [
+                nn.Conv2d(in_channels if i == 0 else widths[i - 1], width, 3, stride, padding=1, bias=False),
+                nn.GroupNorm(width // GROUP, width),
+                nn.ReLU(inplace=True),
+            ]
+        self.features = nn.Sequential(*layers)
+        self.grid = (grid[0], grid[1])
+        self.head = nn.Linear(widths[-1] * grid[0] * grid[1], num_classes)
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
+        """Outputs of the last layer for a batch of images."""
+        return self.head(F.adaptive_avg_pool2d(self.features(x), self.grid).flatten(1))  # type: ignore[no-any-return]

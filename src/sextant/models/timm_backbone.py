@@ -1,0 +1,41 @@
+"""Any timm network as a backbone; timm is an extra: ``pip install sextant[timm]``."""
+
+from torch import nn
+
+from sextant.errors import UserError
+
+
+def timm_backbone(
+    name: str, in_channels: int, image_size: tuple[int, int], num_classes: int, *, pretrained: bool = False
+) -> nn.Module:
+    """The timm network ``name`` with ``num_classes`` outputs and a first layer for ``in_channels``.
+
+    Args:
+        name: such as ``convnext_atto`` or ``mobilenetv3_small_100``.
+        in_channels: channels of the image.
+        image_size: height and width; networks of a fixed input size are built for it.
+        num_classes: outputs of the last layer.
+        pretrained: fetch the weights that timm has for it.
+
+    Raises:
+        UserError: timm is not installed, there is no such network, or its weights cannot be fetched.
+    """
+    try:
+        import timm
+    except ImportError:
+        raise UserError("backbone=timm needs the package timm", "pip install timm") from None
+    if not timm.is_model(name):
+        near = timm.list_models(f"{name[:6]}*")[:5] or timm.list_models("resnet1*")[:5]
+        raise UserError(f"backbone.name={name!r} is not a timm network", f"For example {', '.join(near)}")
+    settings = {"num_classes": num_classes, "in_chans": in_channels}
+    try:
+        try:
+            network: nn.Module = timm.create_model(name, pretrained=pretrained, img_size=image_size, **settings)
+        except TypeError:  # a network for images of any size
+            network = timm.create_model(name, pretrained=pretrained, **settings)
+    except (OSError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(
+            f"the weights of {name} could not be fetched: {reason}", "Use backbone.pretrained=false."
+        ) from None
+    return network

@@ -1,0 +1,90 @@
+"""Any torchvision classification network as a backbone."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from sextant.errors import UserError
+
+
+def torchvision_backbone(
+    name: str, in_channels: int, image_size: tuple[int, int], num_classes: int, *, weights: str | None = None
+) -> nn.Module:
+    """The torchvision network ``name`` with ``num_classes`` outputs and a first layer for ``in_channels``.
+
+    The first layer of further channels starts at zero, so that pretrained features are kept.
+
+    Args:
+        name: such as ``resnet18``, ``mobilenet_v3_small`` or ``densenet161``.
+        in_channels: channels of the image; the first three are its colours.
+        image_size: not used: these networks pool over whatever there is.
+        num_classes: outputs of the last layer.
+        weights: None, ``imagenet`` (torchvision fetches them), or a safetensors or ``weights_only`` file.
+
+    Raises:
+        UserError: there is no such network, or the weights cannot be had or do not fit.
+    """
+    from torchvision import models
+
+    if name not in models.list_models(models):
+        near = [other for other in models.list_models(models) if other.startswith(name[:4])]
+        raise UserError(f"backbone.name={name!r} is not a torchvision network", f"For example {', '.join(near[:5])}")
+    try:
+        network: nn.Module = models.get_model(name, weights="DEFAULT" if weights == "imagenet" else None)
+    except OSError as error:
+        raise UserError(
+            f"the ImageNet weights of {name} could not be fetched: {error}",
+            "Use backbone.weights=null, or the path of a file of weights.",
+        ) from None
+    if weights not in (None, "imagenet"):
+        _load(network, Path(str(weights)))
+    _replace_last(network, num_classes)
+    if in_channels != 3:
+        _widen_first(network, in_channels)
+    return network
+
+
+def _load(network: nn.Module, path: Path) -> None:
+    try:
+        if path.suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            state = load_file(path)
+        else:
+            state = torch.load(path, map_location="cpu", weights_only=True)
+        network.load_state_dict(state)
+    except Exception as error:
+        raise UserError(
+            f"backbone.weights={path} cannot be loaded: {str(error).splitlines()[0]}",
+            "Give a state dict of this network, as torchvision saves it.",
+        ) from None
+
+
+def _named_last(network: nn.Module, kind: type[nn.Module]) -> tuple[str, nn.Module]:
+    return [(name, module) for name, module in network.named_modules() if isinstance(module, kind)][-1]
+
+
+def _replace(network: nn.Module, name: str, module: nn.Module) -> None:
+    parent, _, last = name.rpartition(".")
+    setattr(network.get_submodule(parent) if parent else network, last, module)
+
+
+def _replace_last(network: nn.Module, num_classes: int) -> None:
+    name, last = _named_last(network, nn.Linear)
+    assert isinstance(last, nn.Linear)
+    _replace(network, name, nn.Linear(last.in_features, num_classes))
+
+
+def _widen_first(network: nn.Module, in_channels: int) -> None:
+    name, first = next((n, m) for n, m in network.named_modules() if isinstance(m, nn.Conv2d))
+    settings: dict[str, Any] = {key: getattr(first, key) for key in ("kernel_size", "stride", "padding", "dilation")}
+    wide = nn.Conv2d(in_channels, first.out_channels, bias=first.bias is not None, **settings)
+    with torch.no_grad():
+        wide.weight.zero_()
+        shared = min(3, in_channels)
+        wide.weight[:, :shared] = first.weight[:, :shared]
+        if first.bias is not None and wide.bias is not None:
+            wide.bias.copy_(first.bias)
+    _replace(network, name, wide)

@@ -1,0 +1,48 @@
+"""Panoramas in which tilt, roll and field of view can be seen: a sky, a ground, and posts at even headings."""
+
+import numpy as np
+
+from sextant.data.calibration import CameraDistribution
+from sextant.data.calibration.panoramas import Panoramas
+
+
+class ToyPanoramas:
+    """Six panoramas in each split, without files."""
+
+    name = "toy"
+
+    def files(self, split):
+        return []
+
+    def fingerprint(self):
+        return "0" * 64
+
+    def read(self, split):
+        rng = np.random.default_rng([ord(letter) for letter in split])
+        return Panoramas([panorama(rng) for _ in range(6)], [f"{split}_{i}" for i in range(6)])
+
+
+def panorama(rng, height=64):
+    rows, columns = np.mgrid[:height, : 2 * height]
+    sky = rows < height / 2
+    image = np.where(sky[..., None], rng.integers(150, 250, 3), rng.integers(20, 110, 3)).astype(float)
+    posts = (columns // 4 + rng.integers(8)) % 8 == 0
+    image[posts & (abs(rows - height / 2) < height / 5)] = rng.integers(0, 255, 3)
+    return np.clip(image + rng.normal(0, 4, image.shape), 0, 255).astype(np.uint8)
+
+
+def distribution():
+    return CameraDistribution(
+        name="toy",
+        tilt={"kind": "uniform", "low": -0.3, "high": 0.3},
+        tilt_as="rho",
+        roll={"kind": "uniform", "low": -0.4, "high": 0.4},
+        roll_as="roll_rad",
+        focal={"kind": "uniform", "low": 50, "high": 90},
+        focal_as="vfov_deg",
+        k1={"kind": "uniform", "low": -0.2, "high": 0},
+        k1_as="k1",
+        k2_of_k1="lopez",
+        aspect={"4:3": 1},
+        portrait=0,
+    )

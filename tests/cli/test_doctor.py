@@ -1,0 +1,65 @@
+"""``sextant doctor calibration``."""
+
+import re
+
+import pytest
+
+from sextant import cli
+from sextant.evaluation import calibration_doctor
+
+
+@pytest.fixture
+def doctor(capsys):
+    """Run the verb; returns exit status and what was said."""
+
+    def run(*arguments):
+        status = 0
+        try:
+            cli.run("doctor", list(arguments))
+        except SystemExit as ended:
+            status = ended.code
+        said = capsys.readouterr()
+        return status, said.out + said.err
+
+    return run
+
+
+def test_calibration_is_sound_here(doctor):
+    status, said = doctor("calibration")
+    assert status == 0, said
+    assert "FAIL" not in said
+    for text in ("round trip", "Newton against bisection", "OpenCV", "closed form", "cross-talk", "2.55", "+0.108"):
+        assert text in said
+    assert re.search(r"\d+ passed, 0 failed, 0 skipped, in ", said)
+    assert "against the render" in said
+
+
+def test_a_failure_is_shown_and_is_the_exit_status(doctor, monkeypatch):
+    bad = calibration_doctor.Finding("lens", "a figure [of 3]", 0.5, 1e-9)
+    monkeypatch.setattr(calibration_doctor, "examine", lambda crop, why: ([bad], []))
+    status, said = doctor("calibration")
+    assert status == 1
+    assert "FAIL" in said
+    assert "a figure [of 3]" in said
+    assert "0 passed, 1 failed" in said
+
+
+def test_what_is_skipped_says_why(doctor, monkeypatch):
+    monkeypatch.setattr("sextant.cli.doctor._crop", lambda: (None, "no crops yet"))
+    status, said = doctor("calibration")
+    assert status == 0
+    assert "no crops yet" in said
+    assert "1 skipped" in said
+
+
+@pytest.mark.parametrize("arguments", [[], ["calibraton"], ["calibration", "more"]])
+def test_mistakes_are_told_with_the_usage(doctor, arguments):
+    status, said = doctor(*arguments)
+    assert status == 2
+    assert "sextant doctor calibration" in said
+
+
+def test_help(doctor):
+    status, said = doctor("--help")
+    assert status == 0
+    assert "sextant doctor calibration" in said
