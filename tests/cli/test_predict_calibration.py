@@ -8,18 +8,29 @@ import torch
 from PIL import Image
 
 from sextant.cli import predict_calibration
-from sextant.cli.predict_calibration import CalibrationOptions, find_photos, options_from, predict_calibrations
+from sextant.cli.predict_calibration import (
+    CalibrationModel,
+    CalibrationOptions,
+    TrainedModel,
+    find_photos,
+    options_from,
+    predict_calibrations,
+)
+from sextant.corruptions import CorruptionSuite
 from sextant.errors import UserError
 from sextant.geometry import (
     CameraParameters,
     Parameterization,
+    ParameterSpace,
     PerspectiveCamera,
     k2_of_k1,
     rho_from_tilt,
     undistort_radius,
 )
 from sextant.geometry.conversions import colmap_from_perspective, opencv_from_perspective
-from sextant.tasks.calibration import CalibrationPrediction, reported
+from sextant.losses import ParameterLoss
+from sextant.models import CalibrationNet
+from sextant.tasks.calibration import Calibration, CalibrationPrediction, CalibrationSpec, reported
 
 SCALE = (0.02, 0.01, 0.03, 0.05)
 SPREAD = (0.2, 0.1, 0.3, 0.4)
@@ -76,10 +87,25 @@ def camera_of(row):
     )
 
 
+@pytest.fixture(autouse=True)
+def drawn(request, monkeypatch):
+    """Figures take most of the time: only tests that take ``figures`` draw them."""
+    if "figures" in request.fixturenames:
+        return
+    monkeypatch.setattr(
+        "sextant.figures.style.save_figure", lambda figure, folder, name: (folder / f"{name}.png").touch()
+    )
+
+
+@pytest.fixture
+def figures():
+    """Ask for real figures."""
+
+
 # -- one photo ---------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_written_of_a_photo(tmp_path):
+def test_what_is_written_of_a_photo(tmp_path, figures):
     out = tmp_path / "out"
     (row,) = calibrate([photo(tmp_path / "a.jpg", (160, 120))], out)
     names = {"a.json", "a_overlay.png", "a_undistorted.jpg"} | {f"calibrations.{k}" for k in ("json", "csv", "png")}
@@ -233,10 +259,10 @@ def test_a_prediction_that_is_no_camera_is_an_error_of_that_photo(tmp_path, brok
 
 @pytest.mark.parametrize("wild", [{"k1_hat": -5.0}, {"k1_hat": 3.0}, {"tilt": 1.5, "roll": 3.0}, {"k1_hat": -0.08}])
 @pytest.mark.parametrize("grey", [1, 20, 255])
-def test_cameras_far_outside_training_are_written_and_drawn(tmp_path, wild, grey):
+def test_cameras_far_outside_training_are_written_and_drawn(tmp_path, wild, grey, figures):
     (row,) = calibrate([photo(tmp_path / "a.png", (160, 40), grey)], tmp_path / "out", Fake(**wild), undistort="all")
     assert row["focal_px"] > 0
-    assert (tmp_path / "out" / "a_overlay.png").exists()
+    assert Image.open(tmp_path / "out" / "a_overlay.png").width > 100
 
 
 def test_photos_of_one_name_do_not_overwrite_each_other(tmp_path):
@@ -379,6 +405,32 @@ def test_many_photos_go_through_in_batches(tmp_path, monkeypatch):
     paths = [photo(tmp_path / f"{g}.png", grey=g) for g in (50, 60, 70, 80, 90)]
     rows = calibrate(paths, tmp_path / "out", undistort="none")
     assert [row["focal_px"] for row in rows] == pytest.approx([0.6 * g for g in (50, 60, 70, 80, 90)], rel=1e-5)
+
+
+def test_a_calibration_module_is_such_a_model(tmp_path):
+    torch.manual_seed(0)
+    parameterization = Parameterization()
+    draws = CameraParameters(*(torch.linspace(a, b, 9) for a, b in ((-0.3, 0.3), (-0.2, 0.2), (0.5, 1.4), (-0.4, 0.0))))
+    space = ParameterSpace.covering(parameterization, draws)
+    low, high = tuple(space.low.tolist()), tuple(space.high.tolist())
+    spec = CalibrationSpec(
+        height=18, width=24, aspects=(1.0, 4 / 3), low=low, high=high, validation_crops=100, per_panorama=1,
+        median=(0.0, 0.0, 0.8, -0.2), spread=SPREAD,
+    )  # fmt: skip
+    backbone = torch.nn.Sequential(torch.nn.AdaptiveAvgPool2d(2), torch.nn.Flatten(), torch.nn.Linear(24, 8))
+    module = Calibration(
+        CalibrationNet(backbone, 8), spec, parameterization, ParameterLoss(space), CorruptionSuite({}, 0)
+    )
+    module.scores.copy_(torch.linspace(0.02, 2, 100)[:, None])
+    model = TrainedModel(module)
+    assert isinstance(model, CalibrationModel)
+    paths = [photo(tmp_path / "a.png"), photo(tmp_path / "b.png", (60, 80), 20)]
+    first, second = calibrate(paths, tmp_path / "out", model)
+    assert 0.4 < first["focal_px"] / first["seen"]["height"] < 1.6
+    assert first["tilt_deg"] != second["tilt_deg"]
+    position = model.position(draws)
+    assert position.min() > 0
+    assert position.max() < 1
 
 
 def test_sextants_own_reports_are_in_the_order_that_is_assumed_here():

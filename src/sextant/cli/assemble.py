@@ -22,7 +22,10 @@ def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
     """
     node = raw[group]
     try:
-        return instantiate(node, _convert_="all", **arguments)
+        if not arguments:
+            return instantiate(node, _convert_="all")
+        # not through Hydra, which would make containers of objects that are passed
+        return instantiate(node, _convert_="all", _partial_=True)(**arguments)
     except UserError:
         raise
     except (HydraException, TypeError, ValueError, ImportError) as error:

@@ -1,8 +1,8 @@
-"""``predict.py``: classify images with a trained model."""
+"""``predict.py``: classify images, or calibrate photos, with a trained model."""
 
 import csv
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,39 +12,58 @@ from sextant.cli.arguments import parse_arguments
 from sextant.cli.compose import default_outputs
 from sextant.cli.console import console
 from sextant.cli.evaluate import checkpoint_config
+from sextant.cli.predict_calibration import KEYS as CALIBRATION_KEYS
+from sextant.cli.predict_calibration import (
+    CalibrationOptions,
+    TrainedModel,
+    find_photos,
+    options_from,
+    predict_calibrations,
+)
 from sextant.cli.resolve import resolve_run
-from sextant.data.image_folder import SUFFIXES, decode_square
+from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
 from sextant.tracking.environment import quiet_libraries
 
-USAGE = "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image or folder> output=<folder>"
+USAGE = "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> output=<folder>"
 KEYS = {
     "run": "the trained model",
-    "input": "an image, or a folder that is searched for images",
-    "output": "folder for predictions.csv, predictions.json and predictions.png",
+    "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'",
+    "output": "folder for what is found: tables (CSV, JSON) and pictures",
     "outputs": "output folder of runs, if not the default",
     "trust": "true: build parts of the user's own that the checkpoint names",
+    **{key: f"calibration: {text}" for key, text in CALIBRATION_KEYS.items()},
 }
 BATCH = 256
 SHEET = 40
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Classify every image of a folder; one that cannot be read is named in the result and the rest go on."""
+    """Predict every image; one that cannot be read is named in the result and the rest go on."""
     quiet_libraries()
     given = parse_arguments(arguments, KEYS, USAGE)
     for key in ("run", "input", "output"):
         if key not in given:
             raise UserError(f"{key}= is missing", USAGE)
-    paths = find_images(Path(given["input"]).expanduser())
     output = Path(given["output"]).expanduser()
+    options = options_from(given)
+    paths = find_photos(given["input"], output)
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
     outputs = Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
     found = resolve_run(given["run"], outputs)
-    rows, pictures = _classify(paths, found.checkpoint, given.get("trust") == "true")
+    from sextant.runs.checkpoint import KEY, load_checkpoint
+
+    trained = load_checkpoint(found.checkpoint)[KEY]
+    trust = given.get("trust") == "true"
+    if trained["task"] == "calibration":
+        _calibrate(trained, found.checkpoint, paths, output, options, trust)
+        return
+    if chosen := [key for key in CALIBRATION_KEYS if key in given]:
+        raise UserError(f"{chosen[0]}= belongs to calibration; this is a model of {trained['task']}", USAGE)
+    rows, pictures = _classify(paths, found.checkpoint, trust)
     _write(rows, output)
     _sheet(pictures, output)
     failed = sum("error" in row for row in rows)
@@ -54,18 +73,18 @@ def main(arguments: Sequence[str]) -> None:
     console.print(f"{output}/predictions.csv\n{output}/predictions.json\n{output}/predictions.png")
 
 
-def find_images(path: Path) -> list[Path]:
-    """The image at ``path``, or all images below it in order.
+def _calibrate(
+    trained: Mapping[str, Any],
+    checkpoint: Path,
+    paths: list[Path],
+    output: Path,
+    options: CalibrationOptions,
+    trust: bool,
+) -> None:
+    from sextant.cli.training import model_from_checkpoint
 
-    Raises:
-        UserError: there is none.
-    """
-    if path.is_file():
-        return [path]
-    found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES) if path.is_dir() else []
-    if not found:
-        raise UserError(f"input={path}: no image there", f"Images end in {', '.join(SUFFIXES)}")
-    return found
+    raw, config = checkpoint_config(trained, ["trust=true"] if trust else [])
+    predict_calibrations(TrainedModel(model_from_checkpoint(raw, config, checkpoint)), paths, output, options)
 
 
 def _classify(

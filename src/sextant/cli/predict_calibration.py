@@ -225,6 +225,7 @@ def predict_calibrations(
     Raises:
         UserError: not one photo could be calibrated, or they cannot be of one camera.
     """
+    output.mkdir(parents=True, exist_ok=True)
     rows: dict[Path, dict[str, Any]] = {path: {"file": str(path)} for path in paths}
     findings = list(_findings(model, list(rows), rows))
     summary = _as_one_camera(findings, options) if options.camera == "one" and findings else None

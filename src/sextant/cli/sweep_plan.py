@@ -11,9 +11,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
-from sextant.cli.families import family_of
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import run_key
+from sextant.cli.families import family_of
 from sextant.cli.train import check_environment
 from sextant.config import Config, validate
 from sextant.errors import UserError

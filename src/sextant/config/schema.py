@@ -117,6 +117,7 @@ class TownPanoramas(Part):
     """Panoramas of procedural towns."""
 
     target: Literal["sextant.data.worlds.TownPanoramas"] = Field(alias="_target_")
+    partial: bool = Field(alias="_partial_", default=False)
     images: BySplit
     towns: BySplit
     height: ImageSide = Field(examples=[512])
@@ -135,6 +136,41 @@ class TownPanoramas(Part):
                     f"{getattr(self.images, split)}: a town needs a panorama"
                 )
         return self
+
+
+class ShareBySplit(Node):
+    """A share for each split."""
+
+    train: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.7])
+    val: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.1])
+    test: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.2])
+
+
+class PanoramaFolder(Part):
+    """The user's own panoramas."""
+
+    target: Literal["sextant.data.calibration.PanoramaFolder"] = Field(alias="_target_")
+    partial: bool = Field(alias="_partial_", default=False)
+    folder: str = Field(examples=["/path/to/panoramas"])
+    height: ImageSide = Field(examples=[512])
+    fractions: ShareBySplit
+    seed: Seed = Field(examples=[0])
+    groups: str | None = Field(examples=["'^[^_]+'"])
+    together: list[str] = Field(examples=["[house_a,house_b]"])
+
+
+class PanoramaMix(Part):
+    """Several sources of panoramas."""
+
+    target: Literal["sextant.data.calibration.PanoramaMix"] = Field(alias="_target_")
+    sources: dict[
+        str,
+        Annotated[
+            Annotated[TownPanoramas, Tag("sextant.data.worlds.TownPanoramas")]
+            | Annotated[PanoramaFolder, Tag("sextant.data.calibration.PanoramaFolder")],
+            _choose_part(TownPanoramas, PanoramaFolder),
+        ],
+    ] = Field(min_length=1)
 
 
 class TownSeasons(Part):
@@ -207,11 +243,25 @@ Dataset = Annotated[
     | Annotated[CIFAR10, Tag("sextant.data.cifar10.CIFAR10")]
     | Annotated[ImageFolder, Tag("sextant.data.image_folder.ImageFolder")]
     | Annotated[TownPanoramas, Tag("sextant.data.worlds.TownPanoramas")]
+    | Annotated[PanoramaFolder, Tag("sextant.data.calibration.PanoramaFolder")]
+    | Annotated[PanoramaMix, Tag("sextant.data.calibration.PanoramaMix")]
     | Annotated[TownSeasons, Tag("sextant.data.worlds.TownSeasons")]
     | Annotated[TownCity, Tag("sextant.data.worlds.TownCity")]
     | Annotated[OfficeWalk, Tag("sextant.data.worlds.OfficeWalk")]
     | Annotated[CustomPart, Tag("custom")],
-    _choose_part(Digits, MNIST, FashionMNIST, CIFAR10, ImageFolder, TownPanoramas, TownSeasons, TownCity, OfficeWalk),
+    _choose_part(
+        Digits,
+        MNIST,
+        FashionMNIST,
+        CIFAR10,
+        ImageFolder,
+        TownPanoramas,
+        PanoramaFolder,
+        PanoramaMix,
+        TownSeasons,
+        TownCity,
+        OfficeWalk,
+    ),
 ]
 
 # -------------------------------------------------------------------------------------------------------- corruptions

@@ -139,7 +139,7 @@ def network_view(photo: Photo, aspects: Sequence[float], width: int, height: int
     """
     shape = photo.width / photo.height
     aspect = max(aspects, key=lambda a: min(a, shape) / max(a, shape))
-    part = (min(photo.width, photo.height * aspect), min(photo.height, photo.width / aspect))
+    part = (float(min(photo.width, photo.height * aspect)), float(min(photo.height, photo.width / aspect)))
     left, top = (photo.width - part[0]) / 2, (photo.height - part[1]) / 2
     rows, columns = photo.image.shape[:2]
     across, down = columns / photo.width, rows / photo.height

@@ -160,6 +160,11 @@ def _summary_of(
     )
 
 
+def median_error(errors: Float[ndarray, "n"]) -> float:
+    """The median; nan counts as an infinite error."""
+    return _median(_infinite(errors))
+
+
 def _median(errors: Float[ndarray, "n"]) -> float:
     ordered = np.sort(errors)
     low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float, UInt8
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
@@ -153,9 +154,12 @@ def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> bo
     extent = (-aspect / 2, aspect / 2, 0.5, -0.5)
     axes.imshow(_shrunk(photo.image, longest), extent=extent, interpolation="antialiased")
     outline = [effects.withStroke(linewidth=4.5 * weight, foreground="#000000", alpha=0.6)]
-    shadow = [effects.withStroke(linewidth=2 * weight, foreground="#000000", alpha=0.25)]  # white is lost on a sky
-    for line in distortion_grid(photo):
-        axes.plot(*line.T, color=GRID, linewidth=0.9 * weight, alpha=0.7, path_effects=shadow)
+    shadow: list[effects.AbstractPathEffect] = [
+        effects.withStroke(linewidth=2 * weight, foreground="#000000", alpha=0.25)
+    ]  # white is lost on a sky
+    grid = LineCollection(distortion_grid(photo), colors=GRID, linewidths=0.9 * weight, alpha=0.7)
+    grid.set_path_effects(shadow)
+    axes.add_collection(grid)
     points, down = gravity_arrows(photo)
     start, arrow = points - ARROW_LENGTH / 2 * down, ARROW_LENGTH * down
     axes.quiver(

@@ -49,7 +49,7 @@ class CalibrationNet(nn.Module):
 
     def __init__(self, backbone: nn.Module, features: int, *, coordinates: bool = True):
         super().__init__()
-        self.backbone, self.coordinates = backbone, coordinates
+        self.backbone, self.coordinates = backbone.to(memory_format=torch.channels_last), coordinates  # faster on CPUs
         self.values = nn.ModuleList(_head(features) for _ in range(4))
         self.scales = nn.ModuleList(_head(features) for _ in range(4))
 
@@ -58,7 +58,7 @@ class CalibrationNet(nn.Module):
         x = 2 * images - 1
         if self.coordinates:
             x = torch.cat([x, coordinate_channels(images.shape[-2], images.shape[-1], aspect.to(x))], 1)
-        features = F.relu(self.backbone(x))
+        features = F.relu(self.backbone(x.contiguous(memory_format=torch.channels_last)))
         unit = torch.sigmoid(torch.cat([head(features) for head in self.values], 1))
         log_scale = torch.cat([head(features.detach()) for head in self.scales], 1)
         return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE))

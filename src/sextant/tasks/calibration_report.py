@@ -12,11 +12,11 @@ from numpy import ndarray
 
 from sextant.data.calibration.datamodule import CalibrationData
 from sextant.evaluation.calibration_errors import calibration_errors
-from sextant.evaluation.calibration_summary import methods_table, summary
+from sextant.evaluation.calibration_summary import median_error, methods_table, summary
 from sextant.evaluation.conformal import TABLE_LEVELS, coverage
 from sextant.evaluation.sparsification import sparsification
 from sextant.geometry import CameraParameters
-from sextant.tasks.calibration import Calibration, reported
+from sextant.tasks.calibration import Calibration, CalibrationPrediction, reported
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 #: errors that are kept as metrics of a run
 KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undistortion_px")
+#: columns of the table that is printed
+COLUMNS = ("method", "tilt (°)", "roll (°)", "vfov (°)", "k1", "k1/f²", "bearing (°)", "undistortion (px @480)")
 REPORTED = ("tilt", "roll", "vfov", "k1_hat")
 BATCH, THREADS, SHEET = 64, 2, 16
 #: images with fewer long segments than this share of the validation images count as poor in lines
@@ -84,27 +86,34 @@ def _geometric(
     module: Calibration, data: CalibrationData, training: CameraParameters, n: int, progress: Progress
 ) -> tuple[dict[str, CameraParameters], Int64[ndarray, "n"]]:
     """Cameras of every geometric method for the test crops, and how many long segments each crop has."""
-    from sextant.baselines.calibration import CombinedLines, PlumbLine, VanishingPoints, refine_camera
+    from sextant.baselines.calibration import CombinedGeometry, PlumbLine, VanishingPoints, refine
 
     assert module.result is not None
     prediction = module.result.predictions["clean"]
-    sigma = prediction.scale * prediction.quantile(0.68).nan_to_num(posinf=3.0)
+    sigmas = standard_deviations(prediction)
     methods = {
         "vanishing points": VanishingPoints().fit(training),
         "plumb lines": PlumbLine().fit(training),
-        "both": CombinedLines().fit(training),
+        "both": CombinedGeometry().fit(training),
     }
 
     def look(i: int, image: UInt8[ndarray, "h w 3"]) -> tuple[list[CameraParameters], int]:
         estimates = [method.calibrate(image) for method in methods.values()]
-        network = CameraParameters(*(value[i].double() for value in prediction.parameters))
-        refined = refine_camera(image, network, sigma[i].double().numpy())
+        network, sigma = (CameraParameters(*(v[i].double() for v in of)) for of in (prediction.parameters, sigmas))
+        refined = refine(image, network, sigma)
         return [*(estimate.camera for estimate in estimates), refined.camera], estimates[0].long_segments
 
     found = list(_over_crops(data, "test", n, look, "lines of the test crops", progress))
     columns = zip(*(cameras for cameras, _ in found), strict=True)
     stacked = [CameraParameters(*(torch.stack(values) for values in zip(*column, strict=True))) for column in columns]
     return dict(zip([*methods, "network + lines"], stacked, strict=True)), np.array([count for _, count in found])
+
+
+def standard_deviations(prediction: CalibrationPrediction) -> CameraParameters:
+    """Standard deviations of tilt, roll, focal length and k1, to first order: half the widths of 68 % intervals."""
+    tilt, roll, vfov, k1_hat = (prediction.scale * prediction.quantile(0.68).nan_to_num(posinf=3.0)).unbind(-1)
+    square = prediction.parameters.focal.square()
+    return CameraParameters(tilt, roll, vfov * (square + 0.25), k1_hat * square)
 
 
 def _segment_counts(data: CalibrationData, split: str, progress: Progress) -> Int64[ndarray, "n"]:
@@ -147,7 +156,7 @@ def table(report: CalibrationReport, panoramas: Int64[ndarray, "n"]) -> list[dic
             if name in ("constant", "vanishing points", "both", "network")
         }
         rows += methods_table(chosen)[1]
-    return [dict(zip(titles, row, strict=True)) for row in rows]
+    return [{t: cell for t, cell in zip(titles, row, strict=True) if t in COLUMNS} for row in rows]
 
 
 def metrics(module: Calibration, report: CalibrationReport) -> dict[str, float]:
@@ -155,7 +164,7 @@ def metrics(module: Calibration, report: CalibrationReport) -> dict[str, float]:
     assert module.result is not None
     result = module.result
     numbers = {
-        f"test/{key}/{name.replace(' ', '_').replace('+', 'and')}": float(np.nanmedian(errors[key]))
+        f"test/{key}/{name.replace(' ', '_').replace('+', 'and')}": median_error(errors[key])
         for name, errors in report.errors.items()
         for key in KEPT
     }
@@ -163,7 +172,9 @@ def metrics(module: Calibration, report: CalibrationReport) -> dict[str, float]:
     error = (reported(prediction.parameters) - reported(result.truth)).abs()
     for level in TABLE_LEVELS:
         held = coverage(error / prediction.scale, prediction.quantile(level))
-        numbers |= {f"test/coverage_{round(100 * level)}/{name}": float(v) for name, v in zip(REPORTED, held, strict=True)}
+        numbers |= {
+            f"test/coverage_{round(100 * level)}/{name}": float(v) for name, v in zip(REPORTED, held, strict=True)
+        }
     for k, name in enumerate(REPORTED):
         numbers[f"test/ause/{name}"] = sparsification(error[:, k].numpy(), prediction.scale[:, k].numpy()).relative
     return numbers
@@ -216,6 +227,9 @@ def figures(module: Calibration, data: CalibrationData, report: CalibrationRepor
     yield (
         "sparsification",
         sparsification_curves(
-            {name: sparsification(error[:, k].numpy(), prediction.scale[:, k].numpy()) for k, name in enumerate(REPORTED)}
+            {
+                name: sparsification(error[:, k].numpy(), prediction.scale[:, k].numpy())
+                for k, name in enumerate(REPORTED)
+            }
         ),
     )

@@ -14,7 +14,7 @@ PLACE = np.array([0.6, 0.2, -0.7])
 
 def camera_from_room(tilt, roll, heading):
     """Rotation from the room's axes (x right, y down, z forward) to the camera's."""
-    gravity_from_camera = rotation_from_tilt_roll(torch.tensor(tilt).double(), torch.tensor(roll).double()).numpy()
+    gravity_from_camera = rotation_from_tilt_roll(*torch.tensor([tilt, roll], dtype=torch.float64)).numpy()
     c, s = math.cos(heading), math.sin(heading)
     return gravity_from_camera.T @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
@@ -22,7 +22,7 @@ def camera_from_room(tilt, roll, heading):
 def project(points, tilt, roll, heading, focal, k1):
     """Image heights of points in the room's axes, and which of them are seen; by the package's own camera."""
     directions = torch.as_tensor(points @ camera_from_room(tilt, roll, heading).T)
-    focal, k1 = torch.tensor(focal).double(), torch.tensor(k1).double()
+    focal, k1 = torch.tensor([focal, k1], dtype=torch.float64)
     seen, visible = perspective_project(directions, focal, k1, k2_of_k1(k1))
     return seen.numpy(), visible.numpy()
 

@@ -107,7 +107,7 @@ def test_a_mix_joins_splits(tmp_path):
     for i in range(4):
         Image.new("RGB", (128, 64), (60 * i, 0, 0)).save(folder / f"{i}.png")
     own = partial(PanoramaFolder, folder="own", height=64, fractions={"train": 2, "val": 1, "test": 1})
-    mix = PanoramaMix([town(tmp_path / "cache"), own], roots=[tmp_path])
+    mix = PanoramaMix({"town": town(tmp_path / "cache"), "own": own}, roots=[tmp_path])
     assert isinstance(mix, PanoramaSource)
     assert mix.name == "town_panoramas+panorama_folder"
     train = mix.read("train")
@@ -116,9 +116,9 @@ def test_a_mix_joins_splits(tmp_path):
     assert train[5].shape == (64, 128, 3)
     assert len(mix.files("test")) == 1
     assert len(set(train.names)) == 7
-    assert mix.fingerprint() != PanoramaMix([town(tmp_path / "cache")]).fingerprint()
+    assert mix.fingerprint() != PanoramaMix({"town": town(tmp_path / "cache")}).fingerprint()
     with pytest.raises(UserError, match="empty"):
-        PanoramaMix([])
+        PanoramaMix({})
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def heights_from_working(
 ) -> Float64[ndarray, "*n 2"]:
     """Image heights from the centre of ``image``, of pixels of ``grey``, its resized version."""
     aspect = image.shape[1] / image.shape[0]
-    return (points / np.array([grey.shape[1], grey.shape[0]]) - 0.5) * np.array([aspect, 1.0])
+    return np.asarray((points / np.array([grey.shape[1], grey.shape[0]]) - 0.5) * np.array([aspect, 1.0]))
 
 
 def working_grey(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h2 w2"]:

@@ -27,7 +27,7 @@ THRESHOLD = np.radians(2.5)
 #: Thresholds while the camera is only roughly known.
 FIRST_ROUND = (2 * THRESHOLD,)
 #: Segments of one picture repeat each other's errors: beyond this number they count no further.
-EFFECTIVE_SEGMENTS = 40.0
+EFFECTIVE_SEGMENTS = 25.0
 #: Bounds of tilt, roll, heading, log focal and k1_hat.
 LOW = np.array([-1.5, -np.pi / 4, -np.inf, np.log(0.15), -2.5])
 HIGH = np.array([1.5, np.pi / 4, np.inf, np.log(8.0), 1.0])

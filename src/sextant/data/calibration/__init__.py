@@ -1,6 +1,10 @@
-"""Crops of panoramas with cameras drawn from a distribution: the data of single-image calibration."""
+"""Crops of panoramas with cameras drawn from a distribution: the data of single-image calibration.
 
-from sextant.data.calibration.camera_distributions import CameraDistribution, CameraDraw
+Distributions of cameras need torch, which is imported when one is first asked for: sources of panoramas do not.
+"""
+
+from typing import TYPE_CHECKING, Any
+
 from sextant.data.calibration.panorama_folder import PanoramaFolder
 from sextant.data.calibration.panoramas import (
     PanoramaMix,
@@ -9,6 +13,9 @@ from sextant.data.calibration.panoramas import (
     TownPanoramaSource,
     as_panorama_source,
 )
+
+if TYPE_CHECKING:
+    from sextant.data.calibration.camera_distributions import CameraDistribution, CameraDraw
 
 __all__ = [
     "CameraDistribution",
@@ -20,3 +27,11 @@ __all__ = [
     "TownPanoramaSource",
     "as_panorama_source",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("CameraDistribution", "CameraDraw"):
+        from sextant.data.calibration import camera_distributions
+
+        return getattr(camera_distributions, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int64, UInt8
 from numpy import ndarray
-from sextant.data.calibration.camera_distributions import CameraDistribution
-from sextant.data.calibration.crops import crop_batch
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
+from sextant.data.calibration.camera_distributions import CameraDistribution
+from sextant.data.calibration.crops import crop_batch
 from sextant.geometry import CameraParameters
 
 if TYPE_CHECKING:

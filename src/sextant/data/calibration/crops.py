@@ -124,8 +124,9 @@ class Sampling:
     def of(cls, rays: Rays, rows: Int64[ndarray, "b"], width: int, height: int) -> "Sampling":
         """What averages over the area of the pixels of a crop from a panorama of so many ``rows``.
 
-        Measured against 256 rays a pixel in the panorama itself, this halves the error of two rays a side, and four
-        would halve it again at twice the time.
+        The level has at least two of its pixels along a pixel of the crop. Measured against 256 rays a pixel in the
+        panorama itself, 3 rays a side err by 0.4 to 1.4 grey levels (root mean square) where one ray errs by 5 to 14;
+        2 would err twice as much, 4 half as much at twice the time.
         """
         # side of a square of the area of the central pixel, in panorama pixels
         size = np.sqrt(4 * rays.lens[:, 0] * rays.lens[:, 1] / (width * height)) * rows / math.pi
@@ -138,13 +139,17 @@ class Sampling:
 def _crop_with_cv2(
     panoramas: Panoramas, indices: Int64[ndarray, "b"], rays: Rays, sampling: Sampling, width: int, height: int
 ) -> UInt8[ndarray, "b 3 height width"]:
+    from sextant.data.calibration.ray_kernels import mean_of_rays
+
     out = np.empty((len(indices), 3, height, width), np.uint8)
     for i, index in enumerate(indices):
         source, side = panoramas.level(int(index), int(sampling.level[i])), int(sampling.side[i])
         x, y = rays.points(i, source.shape[1] - 2, source.shape[0] - 2, side * width, side * height)
         picture = cv2.remap(source, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        if side > 1:
-            picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-        for channel in range(3):
-            cv2.extractChannel(picture, channel, out[i, channel])
+        if side <= 2:
+            picture = picture if side == 1 else cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+            for channel in range(3):
+                cv2.extractChannel(picture, channel, out[i, channel])
+        else:  # OpenCV is quick at means of four alone
+            mean_of_rays(picture, side, np.empty(4 * side * width, np.uint16), out[i])
     return out

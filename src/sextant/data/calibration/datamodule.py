@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytorch_lightning as pl
-from sextant.data.calibration.camera_distributions import CameraDistribution
-from sextant.data.calibration.panoramas import PanoramaSource
-from sextant.geometry import CameraParameters
 from torch.utils.data import DataLoader
 
 from sextant.data.calibration.batches import CropBatch, Crops, CropSampler
+from sextant.data.calibration.camera_distributions import CameraDistribution
+from sextant.data.calibration.panoramas import PanoramaSource
+from sextant.geometry import CameraParameters
 
 #: seeds of the draws of validation and test: the same for every run
 VALIDATION, TEST = 1_000_001, 1_000_002

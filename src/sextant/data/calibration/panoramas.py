@@ -3,7 +3,7 @@
 import hashlib
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
@@ -43,7 +43,8 @@ class Panoramas:
         names: Sequence[str],
         rows: Sequence[int] | ndarray | None = None,
     ):
-        self.images, self.names = images, tuple(names)
+        self.images = np.asarray(images) if isinstance(images, np.ndarray) else images  # a plain view of a map is quick
+        self.names = tuple(names)
         self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
         if len(self._rows) != len(self.names):
             raise ValueError(f"{len(self._rows)} panoramas with {len(self.names)} names")
@@ -71,7 +72,10 @@ class Panoramas:
         return self._on_device.get((i, level, device), moved)
 
     def _halved(self, i: int, level: int) -> ndarray:
-        return self[i] if level == 0 else halved(self.level(i, level - 1)[1:-1, 1:-1])
+        image = self[i]
+        for _ in range(level):  # levels between are not kept: they are often the larger part, and not asked for
+            image = halved(image)
+        return image
 
 
 def telling_every(seconds: float, what: str) -> Callable[[int, int], None]:
@@ -164,15 +168,15 @@ class PanoramaMix:
     """Several sources joined, split by split.
 
     Args:
-        sources: what is joined: datasets with panoramas, or functions of ``roots`` that make one (``_partial_: true``
-            in a config).
+        sources: what is joined, by a name of each: datasets with panoramas, or functions of ``roots`` that make one
+            (``_partial_: true`` in a config).
         roots: handed to these functions.
     """
 
-    def __init__(self, sources: Sequence[Any], roots: Sequence[Path | str] = ()):
+    def __init__(self, sources: Mapping[str, Any], roots: Sequence[Path | str] = ()):
         if not sources:
             raise UserError("dataset.sources is empty: a mix of panoramas needs at least one source")
-        made = [source(roots=roots) if isinstance(source, partial) else source for source in sources]
+        made = [source(roots=roots) if isinstance(source, partial) else source for source in sources.values()]
         self.sources = [as_panorama_source(source) for source in made]
         self.name = "+".join(source.name for source in self.sources)
 
@@ -201,11 +205,12 @@ def as_panorama_source(dataset: Any) -> PanoramaSource:
     Raises:
         UserError: it has none.
     """
-    from sextant.data.worlds.towns import TownPanoramas
+    if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded then anyway
+        from sextant.data.worlds.towns import TownPanoramas
 
-    if isinstance(dataset, TownPanoramas):
-        return TownPanoramaSource(dataset)
-    if isinstance(dataset, PanoramaSource) and hasattr(dataset, "name") and not hasattr(dataset, "spec"):
+        if isinstance(dataset, TownPanoramas):
+            return TownPanoramaSource(dataset)
+    elif isinstance(dataset, PanoramaSource) and not hasattr(dataset, "spec"):
         return dataset
     name = getattr(dataset, "name", type(dataset).__name__)
     raise UserError(

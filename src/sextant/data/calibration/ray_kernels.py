@@ -1,4 +1,4 @@
-r"""Where the rays of a camera meet a panorama, as machine code: for every pixel, in single precision.
+r"""Where the rays of a camera meet a panorama, and means of rays, as machine code.
 
 Lengths are in focal lengths. A pixel at distorted radius :math:`r_d` has the undistorted one r with
 :math:`r(1 + k_1 r^2 + k_2 r^4) = r_d`, by Newton's method; its ray :math:`(x r/r_d, y r/r_d, 1)` is turned into the
