@@ -1,15 +1,24 @@
 """Every YAML file composes, is legal, and what it describes can be built."""
 
 import pytest
+import torch
 
 from sextant.cli.assemble import build, build_dataset
 from sextant.cli.compose import compose, conf_dir, groups, to_plain
 from sextant.config import validate
+from sextant.errors import UserError
+from sextant.geometry import Parameterization, ParameterSpace
 
 NEEDED = {
     "dataset=image_folder": ["dataset.folder=/nowhere"],
+    "dataset=panorama_folder": ["dataset.folder=/nowhere", "task=calibration"],
+    "dataset=panorama_mix": ["dataset.sources.real.folder=/nowhere", "task=calibration"],
     "tracking=server": ["tracking.uri=http://127.0.0.1:1"],
+    "parameterization": ["task=calibration"],
+    "loss": ["task=calibration"],
+    "sampling": ["task=calibration"],
 }
+NAMES = {"panorama_mix": "town_panoramas+panorama_folder"}
 NOT_BUILT = {"trainer", "tracking", "paths", "task", "experiment", "sweep"}
 CHOICES = [(group, option) for group, options in groups().items() for option in options]
 
@@ -22,12 +31,15 @@ def test_there_are_configs():
 @pytest.mark.parametrize(("group", "option"), CHOICES)
 def test_composes_validates_and_builds(group, option):
     choice = f"{group}={option}"
-    raw = to_plain(compose([choice, *NEEDED.get(choice, [])]))
+    raw = to_plain(compose([choice, *NEEDED.get(choice, NEEDED.get(group, []))]))
     config = validate(raw)
     if group == "dataset":
-        assert build_dataset(raw, config).name == option
+        assert build_dataset(raw, config).name == NAMES.get(option, option)
     elif group == "backbone":
-        assert build(raw, group, in_channels=1, image_size=(28, 28), num_classes=10) is not None
+        assert build(raw, group, in_channels=3, image_size=(72, 96), num_classes=10) is not None
+    elif group == "loss":
+        low, high = torch.tensor([-0.5, -0.5, 0.5, -1.0]), torch.tensor([0.5, 0.5, 1.5, 0.0])
+        assert build(raw, group, space=ParameterSpace(Parameterization(), low, high)) is not None
     elif group not in NOT_BUILT:
         assert build(raw, group) is not None
 
@@ -57,3 +69,30 @@ def test_a_sweep_brings_its_experiment():
     raw = to_plain(compose(["sweep=pushpull_lenet"]))
     assert raw["dataset"]["_target_"] == "sextant.data.mnist.MNIST"
     assert validate(raw).sweep.seeds == list(range(10))
+
+
+@pytest.mark.parametrize("parameterization", ["direct", "horizon", "undistorted_horizon"])
+@pytest.mark.parametrize("loss", [option for option in groups()["loss"]])
+@pytest.mark.parametrize("sampling", [option for option in groups()["sampling"]])
+def test_every_parameterization_goes_with_every_loss_and_every_sampling(parameterization, loss, sampling):
+    choices = [f"parameterization={parameterization}", f"loss={loss}", f"sampling={sampling}"]
+    raw = to_plain(compose(["task=calibration", *choices]))
+    validate(raw)
+    cameras = build(raw, "sampling").draw(64, 0).cameras
+    space = ParameterSpace.covering(build(raw, "parameterization"), cameras)
+    values = space.parameterization.encode(cameras)
+    off = space.from_unit((space.to_unit(values) + 0.1).clamp(0, 1)).float()
+    found = build(raw, "loss", space=space)(off, values.float(), torch.full((64,), 4 / 3))
+    assert found.isfinite().all()
+    assert found.mean() > 0
+
+
+def test_groups_of_calibration_do_nothing_elsewhere():
+    with pytest.raises(UserError, match="loss belongs to task=calibration"):
+        validate(to_plain(compose(["task=classification", "loss=l2_range"])))
+
+
+def test_a_test_distribution_of_its_own():
+    raw = to_plain(compose(["task=calibration", "sampling@test_sampling=uniform"]))
+    assert validate(raw).test_sampling is not None
+    assert raw["sampling"]["name"] == "lopez_4x3"

@@ -20,7 +20,8 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
     """
     if any(argument in ("-h", "--help") for argument in arguments):
         print(f"{usage}\n")
-        print("\n".join(f"  {key:<10} {meaning}" for key, meaning in known.items()))
+        width = max(map(len, known))
+        print("\n".join(f"  {key:<{width}}  {meaning}" for key, meaning in known.items()))
         raise SystemExit(0)
     found: dict[str, str] = {}
     for argument in arguments:

@@ -1,4 +1,7 @@
-"""``predict.py``: classify images, or calibrate photos, with a trained model."""
+"""``predict.py``: classify images, or calibrate photos, with a trained model.
+
+What is heavy is imported where it is used, so that mistakes in a command are told at once.
+"""
 
 import csv
 import json
@@ -9,23 +12,20 @@ from typing import Any
 import numpy as np
 
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.compose import default_outputs
 from sextant.cli.console import console
-from sextant.cli.evaluate import checkpoint_config
-from sextant.cli.predict_calibration import KEYS as CALIBRATION_KEYS
-from sextant.cli.predict_calibration import (
-    CalibrationOptions,
-    TrainedModel,
-    find_photos,
-    options_from,
-    predict_calibrations,
-)
-from sextant.cli.resolve import resolve_run
+from sextant.cli.output_folder import telling_write_errors
+from sextant.cli.photo_calibration.inputs import find_photos
+from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
+from sextant.cli.photo_calibration.options import CalibrationOptions, options_from
+from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
 from sextant.tracking.environment import quiet_libraries
 
-USAGE = "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> output=<folder>"
+USAGE = (
+    "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> "
+    "output=<folder>"
+)
 KEYS = {
     "run": "the trained model",
     "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'",
@@ -52,8 +52,7 @@ def main(arguments: Sequence[str]) -> None:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
-    outputs = Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
-    found = resolve_run(given["run"], outputs)
+    found = _find_run(given)
     from sextant.runs.checkpoint import KEY, load_checkpoint
 
     trained = load_checkpoint(found.checkpoint)[KEY]
@@ -64,13 +63,22 @@ def main(arguments: Sequence[str]) -> None:
     if chosen := [key for key in CALIBRATION_KEYS if key in given]:
         raise UserError(f"{chosen[0]}= belongs to calibration; this is a model of {trained['task']}", USAGE)
     rows, pictures = _classify(paths, found.checkpoint, trust)
-    _write(rows, output)
-    _sheet(pictures, output)
+    with telling_write_errors(output):
+        _write(rows, output)
+        _sheet(pictures, output)
     failed = sum("error" in row for row in rows)
     console.print(
         f"{len(rows) - failed} images classified" + (f", [red]{failed} could not be read[/]" if failed else "")
     )
     console.print(f"{output}/predictions.csv\n{output}/predictions.json\n{output}/predictions.png")
+
+
+def _find_run(given: Mapping[str, str]) -> FoundRun:
+    if "outputs" in given:
+        return resolve_run(given["run"], Path(given["outputs"]).absolute())
+    from sextant.cli.compose import default_outputs
+
+    return resolve_run(given["run"], default_outputs())
 
 
 def _calibrate(
@@ -81,6 +89,9 @@ def _calibrate(
     options: CalibrationOptions,
     trust: bool,
 ) -> None:
+    from sextant.cli.evaluate import checkpoint_config
+    from sextant.cli.photo_calibration.model import TrainedModel
+    from sextant.cli.photo_calibration.predict import predict_calibrations
     from sextant.cli.training import model_from_checkpoint
 
     raw, config = checkpoint_config(trained, ["trust=true"] if trust else [])
@@ -92,6 +103,7 @@ def _classify(
 ) -> tuple[list[dict[str, Any]], list[tuple[np.ndarray, str]]]:
     import torch
 
+    from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.families.classification import image_spec
     from sextant.cli.training import model_from_checkpoint
     from sextant.runs.checkpoint import KEY, load_checkpoint

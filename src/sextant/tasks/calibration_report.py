@@ -66,6 +66,7 @@ def compare(module: Calibration, data: CalibrationData, *, geometric: bool, prog
     if geometric:
         found, counts = _geometric(module, data, training, n, progress)
         cameras |= found
+        data.setup("validate")
         below = int(np.quantile(_segment_counts(data, "val", progress), FEW_LINES_SHARE))
         few = counts < below
     ours = result.predictions["clean"].parameters

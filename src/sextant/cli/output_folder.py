@@ -1,0 +1,29 @@
+"""The folder that a command's ``output=`` names, and what is told when the disk refuses it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from sextant.errors import UserError
+
+
+@contextmanager
+def telling_write_errors(folder: Path) -> Iterator[None]:
+    """Turn what the disk refuses inside into one message. Only writes belong inside: any OSError is taken for one.
+
+    Raises:
+        UserError: the disk is full, or ``folder`` cannot be written to.
+    """
+    from sextant.data.rendered.disk import FULL, free_bytes, readable
+
+    try:
+        yield
+    except OSError as error:
+        if error.errno in FULL:
+            raise UserError(
+                f"output={folder}: the disk is full ({readable(free_bytes(folder))} free), and not all was written",
+                "Free some space and give the same command again, or write to another disk: output=/path",
+            ) from None
+        raise UserError(
+            f"output={folder} cannot be written to: {error.strerror or error}", "Choose another folder: output=/path"
+        ) from None

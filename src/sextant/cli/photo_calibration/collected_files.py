@@ -1,0 +1,60 @@
+"""The files of all photos together: a table, everything, and a contact sheet."""
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sextant.cli.output_folder import telling_write_errors
+from sextant.cli.photo_calibration.finding import LEVELS
+from sextant.figures.calibration_overlay import CalibratedPhoto, calibration_sheet
+from sextant.figures.style import save_figure
+from sextant.runs.atomic import write_atomically, write_json
+
+COLUMNS = (
+    "file", "verdict", "tilt_deg", "roll_deg", "focal_px", "vfov_deg", "true_vfov_deg", "true_hfov_deg", "k1", "k2",
+    "width", "height", "exif_focal_px", "error",
+)  # fmt: skip
+BOUNDED = [(name, level) for name in ("tilt_deg", "roll_deg", "focal_px", "vfov_deg", "k1") for level in LEVELS]
+
+
+def write_collected(
+    rows: Sequence[Mapping[str, Any]],
+    summary: Mapping[str, Any] | None,
+    sheet: Sequence[CalibratedPhoto],
+    output: Path,
+) -> None:
+    """Write ``calibrations.json``, ``calibrations.csv`` and ``calibrations.png``.
+
+    Args:
+        rows: of all photos, those that failed included.
+        summary: of the one camera, if they are of one.
+        sheet: what is drawn on the contact sheet.
+        output: the folder.
+
+    Raises:
+        UserError: the disk is full, or the folder cannot be written to.
+    """
+    with telling_write_errors(output):
+        write_json(output / "calibrations.json", {"photos": list(rows), "camera": summary})
+        write_atomically(output / "calibrations.csv", lambda file: file.write(_table(rows).encode()))
+        if sheet:
+            save_figure(calibration_sheet(sheet), output, "calibrations")
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    table = io.StringIO()
+    names = [f"{q}_{level}_{end}" for q, level in BOUNDED for end in ("low", "high")]
+    writer = csv.DictWriter(table, [*COLUMNS, *names], extrasaction="ignore", restval="")
+    writer.writeheader()
+    for row in rows:
+        flat = dict(row)
+        if "intervals" in row:
+            flat["verdict"] = row["confidence"]["verdict"]
+            for quantity, level in BOUNDED:
+                for end, value in zip(("low", "high"), row["intervals"][level][quantity], strict=True):
+                    flat[f"{quantity}_{level}_{end}"] = value if math.isfinite(value) else ""
+        writer.writerow(flat)
+    return table.getvalue()

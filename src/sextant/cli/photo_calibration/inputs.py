@@ -1,0 +1,42 @@
+"""The photos that a path, a folder or a pattern names; imports no torch."""
+
+import glob
+from collections.abc import Iterable
+from pathlib import Path
+
+from sextant.data.image_folder import SUFFIXES
+from sextant.errors import UserError
+
+#: the last two are not decoded: they are found so that they are named
+FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".avif", ".heic", ".heif")
+#: ends of the names of pictures that a calibration writes; see :mod:`~sextant.cli.photo_calibration.photo_files`
+WRITTEN = ("_overlay.png", "_undistorted.png", "_undistorted.jpg", "calibrations.png")
+
+
+def find_photos(given: str, output: Path) -> list[Path]:
+    """The photo at a path, all below a folder, or those that a pattern matches, in order; never what this wrote.
+
+    Raises:
+        UserError: there is none.
+    """
+    path = Path(given).expanduser()
+    if path.is_file():
+        return [path]
+    if path.is_dir():
+        candidates: Iterable[Path] = path.rglob("*")
+    else:
+        candidates = (Path(name) for name in glob.glob(str(path), recursive=True))
+    written = output.resolve()
+    found = sorted(
+        p
+        for p in candidates
+        if p.suffix.lower() in FOUND_IN_FOLDERS
+        and p.is_file()
+        and not (p.name.endswith(WRITTEN) and p.resolve().is_relative_to(written))
+    )
+    if not found:
+        raise UserError(
+            f"input={given}: no photo there",
+            f"Give a photo, a folder or a pattern such as 'photos/*.jpg'. Photos end in {', '.join(SUFFIXES)}",
+        )
+    return found

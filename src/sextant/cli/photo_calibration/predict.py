@@ -1,0 +1,41 @@
+"""From photos to files of their cameras."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from sextant.cli.output_folder import telling_write_errors
+from sextant.cli.photo_calibration.collected_files import write_collected
+from sextant.cli.photo_calibration.inference import find_cameras
+from sextant.cli.photo_calibration.model import CalibrationModel
+from sextant.cli.photo_calibration.one_camera import fuse_as_one_camera
+from sextant.cli.photo_calibration.options import CalibrationOptions
+from sextant.cli.photo_calibration.photo_files import write_photos
+from sextant.cli.photo_calibration.priors import use_prior
+from sextant.cli.photo_calibration.telling import tell
+from sextant.errors import UserError
+
+
+def predict_calibrations(
+    model: CalibrationModel, paths: Sequence[Path], output: Path, options: CalibrationOptions
+) -> list[dict[str, Any]]:
+    """Calibrate photos, write everything into ``output`` and tell it; a photo that fails is named and the rest go on.
+
+    Raises:
+        UserError: not one photo could be calibrated, they cannot be of one camera, or the disk is full.
+    """
+    with telling_write_errors(output):
+        output.mkdir(parents=True, exist_ok=True)
+    rows: dict[Path, dict[str, Any]] = {path: {"file": str(path)} for path in paths}
+    findings = list(find_cameras(model, list(rows), rows))
+    summary = fuse_as_one_camera(findings, options) if options.camera == "one" and findings else None
+    if options.camera == "each":
+        for finding in findings:
+            use_prior(finding, options)
+    sheet = write_photos(model, findings, rows, output, options)
+    write_collected(list(rows.values()), summary, sheet, output)
+    tell(list(rows.values()), summary, output)
+    if not findings:
+        problem = next(iter(rows.values()))["error"]
+        raise UserError(f"none of {len(rows)} photos could be calibrated. The first: {problem}")
+    return list(rows.values())

@@ -1,0 +1,36 @@
+"""What the terminal shows of calibrated photos."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+
+from sextant.cli.console import console, rows_table
+
+
+def tell(rows: Sequence[dict[str, Any]], summary: dict[str, Any] | None, output: Path) -> None:
+    """Print the cameras, what speaks against them, which photos failed, and where the files are."""
+    good = [row for row in rows if "error" not in row]
+    if good:
+        table = [
+            {"photo": Path(row["file"]).name, "tilt °": f"{row['tilt_deg']:+.1f}", "roll °": f"{row['roll_deg']:+.1f}",
+             "focal px": f"{row['focal_px']:.0f}", "vfov °": f"{row['vfov_deg']:.1f}", "k1": f"{row['k1']:+.3f}",
+             "trust": row["confidence"]["verdict"]}
+            for row in good
+        ]  # fmt: skip
+        console.print(rows_table("Cameras", table))
+    for row in rows:
+        for reason in row.get("confidence", {}).get("reasons", ()):
+            console.print(f"[dim]{escape(Path(row['file']).name)}: {escape(reason)}[/]")
+        if "error" in row:
+            console.print(f"[red]{escape(row['error'])}[/]")
+    if summary:
+        console.print(
+            f"One camera from {len(summary['kept'])} of {summary['photos']} photos: "
+            f"chi-square {summary['chi_square']:.1f} with {summary['degrees_of_freedom']} degrees of freedom, "
+            f"p = {summary['p_value']:.2g}"
+        )
+    failed = len(rows) - len(good)
+    console.print(f"{len(good)} photos calibrated" + (f", [red]{failed} failed[/]" if failed else ""))
+    console.print(escape("\n".join(f"{output}/calibrations.{kind}" for kind in ("csv", "json", "png"))))

@@ -1,0 +1,23 @@
+"""A person's photo: decoded whatever its format, cut for the network, and straightened.
+
+Pixels are those of the *upright original*: columns and rows after the EXIF orientation, from the top left corner, with
+centres at + 0.5. A photo with more than 64 megapixels is decoded at a half, a third, ... of its size, so that memory is
+bounded; all lengths are still told in pixels of the original.
+"""
+
+from sextant.data.photos.exif import exif_focal_px
+from sextant.data.photos.photo import Photo
+from sextant.data.photos.reading import read_photo
+from sextant.data.photos.undistortion import Keep, straight_focal, undistort_photo
+from sextant.data.photos.view import NetworkView, network_view
+
+__all__ = [
+    "Keep",
+    "NetworkView",
+    "Photo",
+    "exif_focal_px",
+    "network_view",
+    "read_photo",
+    "straight_focal",
+    "undistort_photo",
+]

@@ -1,0 +1,68 @@
+r"""What a photo tells of itself: its orientation and focal length.
+
+With the 35-mm equivalent focal length :math:`f_{35}` of the EXIF block, which compares diagonals,
+:math:`f = f_{35} \sqrt{W^2 + H^2} / \sqrt{36^2 + 24^2}` pixels. Source: CIPA DCG-001, "Guideline for noting
+digital camera specifications in catalogs"; the tags are of Exif 2.32.
+"""
+
+import math
+
+from PIL import Image
+
+FULL_FRAME_DIAGONAL = math.hypot(36, 24)
+ORIENTATION = 0x0112
+EXIF_BLOCK, FOCAL_LENGTH, FOCAL_35MM = 0x8769, 0x920A, 0xA405
+PLANE_X_RESOLUTION, PLANE_UNIT, PIXELS_X, PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0xA003
+MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # of the unit of the focal plane's resolution
+TURN = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+
+
+def exif_numbers(image: Image.Image) -> dict[int, float]:
+    """Numbers of the EXIF block, without those that are not finite; empty where it is broken."""
+    found: dict[int, float] = {}
+    try:
+        block = image.getexif().get_ifd(EXIF_BLOCK)
+        for tag in (FOCAL_LENGTH, FOCAL_35MM, PLANE_X_RESOLUTION, PLANE_UNIT, PIXELS_X, PIXELS_Y):
+            value = float(block.get(tag, math.nan))
+            if math.isfinite(value) and value > 0:
+                found[tag] = value
+    except Exception:  # metadata that cannot be read is no reason to refuse the photo
+        return {}
+    return found
+
+
+def exif_orientation(image: Image.Image) -> int:
+    """1 to 8 by the EXIF block, 1 being upright; 1 too where it is broken."""
+    try:
+        value = int(image.getexif().get(ORIENTATION, 1))
+    except Exception:
+        return 1
+    return value if value in TURN else 1
+
+
+def exif_focal_px(exif: dict[int, float], width: int, height: int) -> float | None:
+    """Focal length in pixels of a picture of ``width`` x ``height`` by numbers of its EXIF block, or None.
+
+    From the 35-mm equivalent, or else from the focal length and the resolution of the focal plane. None too where the
+    block tells of another shape than the picture has (it was cropped since), or a field of view that no lens has.
+    """
+    long, short = max(width, height), min(width, height)
+    recorded = sorted((exif.get(PIXELS_X, long), exif.get(PIXELS_Y, short)))
+    if abs(recorded[1] / recorded[0] / (long / short) - 1) > 0.02:
+        return None
+    if FOCAL_35MM in exif:
+        focal = exif[FOCAL_35MM] * math.hypot(width, height) / FULL_FRAME_DIAGONAL
+    elif FOCAL_LENGTH in exif and PLANE_X_RESOLUTION in exif:
+        per_millimetre = exif[PLANE_X_RESOLUTION] / MILLIMETRES.get(int(exif.get(PLANE_UNIT, 2)), 25.4)
+        focal = exif[FOCAL_LENGTH] * per_millimetre * long / recorded[1]
+    else:
+        return None
+    return focal if 0.1 < focal / long < 100 else None

@@ -1,0 +1,110 @@
+"""Decoding photos of many formats, within bounded memory."""
+
+import math
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from sextant.data.photos.exif import TURN, exif_focal_px, exif_numbers, exif_orientation
+from sextant.data.photos.photo import Photo
+from sextant.data.photos.pixels import rgb_bytes
+from sextant.errors import UserError
+
+#: what is decoded; no format whose decoder runs another program (EPS) is among them
+FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "JPEG2000", "AVIF")
+SMALLEST_SIDE = 32
+LARGEST_DECODED = 64_000_000  # pixels that are kept
+LARGEST_SIDE = 32_000  # of what is kept: cv2.remap counts in 16 bits
+LARGEST_FILE = 512_000_000  # pixels of a JPEG, which can be decoded at 1/2, 1/4 or 1/8
+LARGEST_WHOLE = 256_000_000  # pixels of formats that are decoded whole: 1 GiB at Pillow's four bytes
+_pillow = threading.Lock()  # its limit of pixels is a global variable
+
+
+def read_photo(path: Path) -> Photo:
+    """Decode a photo: upright, RGB, 8 bits; of a file with several pictures the first.
+
+    Grey becomes three equal channels; 10, 12, 14 and 16 bits become 8, by the fewest that hold the largest value; CMYK
+    and palettes become RGB; what is transparent becomes mid grey (128). Colour profiles are not applied.
+
+    Raises:
+        UserError: the file is missing, empty, truncated, not a picture of a format known here, smaller than 32 pixels a
+            side, or larger than 512 megapixels (JPEG) or 256 (formats that can only be decoded whole).
+    """
+    if not path.is_file():
+        raise UserError(f"{path}: no such file")
+    size = path.stat().st_size
+    if size == 0:
+        raise UserError(f"{path} is empty (0 bytes)", "Copy the photo again.")
+    try:
+        with _without_pillow_limit(), Image.open(path, formats=_formats()) as image:
+            return _decode(image, path)
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:  # the decoders raise almost anything on broken files
+        problem = f"{path} cannot be read as a photo ({size:,} bytes): {error or type(error).__name__}"
+        raise UserError(problem, _hint(path)) from None
+
+
+def _formats() -> list[str]:
+    Image.init()
+    return [name for name in FORMATS if name in Image.OPEN]
+
+
+@contextmanager
+def _without_pillow_limit() -> Iterator[None]:
+    """Pillow's own limit warns, or raises, long before ours; and its warnings about odd metadata help nobody here."""
+    with _pillow, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            yield
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
+
+
+def _hint(path: Path) -> str:
+    if path.suffix.lower() in (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"):
+        return f"Save it as JPEG: {path.suffix} is not decoded here."
+    return "Replace the file or take it out of the folder."
+
+
+def _decode(image: Image.Image, path: Path) -> Photo:
+    width, height = image.size
+    _check_size(width, height, image.format or "", path)
+    factor = 1
+    while (width // factor) * (height // factor) > LARGEST_DECODED or max(width, height) / factor > LARGEST_SIDE:
+        factor += 1
+    exif = exif_numbers(image)
+    orientation = exif_orientation(image)
+    focal = exif_focal_px(exif, width, height)
+    if factor > 1:
+        image.draft("RGB", (width // factor, height // factor))  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
+    image.load()
+    turn = exif_orientation(image)  # Pillow has turned a TIFF by now, and its size was the upright one from the start
+    rgb = rgb_bytes(image, max(1, math.ceil(factor * image.width / width - 0.01)))
+    if turn in TURN:
+        rgb = rgb.transpose(TURN[turn])
+    if turn >= 5:
+        width, height = height, width
+    return Photo(np.asarray(rgb), width, height, orientation, focal)
+
+
+def _check_size(width: int, height: int, kind: str, path: Path) -> None:
+    if min(width, height) < SMALLEST_SIDE:
+        raise UserError(
+            f"{path} has {width}x{height} pixels; the shorter side must have at least {SMALLEST_SIDE}",
+            "Give a larger version of the photo.",
+        )
+    limit = LARGEST_FILE if kind in ("JPEG", "MPO") else LARGEST_WHOLE
+    if width * height > limit:
+        raise UserError(
+            f"{path} has {width}x{height} pixels ({width * height / 1e6:.0f} megapixels); "
+            f"{kind} is decoded up to {limit / 1e6:.0f}",
+            "Scale the photo down"
+            + ("." if limit == LARGEST_FILE else ", or save it as JPEG, which needs less memory."),
+        )

@@ -1,0 +1,98 @@
+"""Calibration from the command line: train on a folder of panoramas, test again from the checkpoint, calibrate photos."""
+
+import json
+
+import numpy as np
+import pytest
+from calibration_toy import panorama
+from PIL import Image
+
+from sextant.cli import evaluate, predict
+from sextant.cli.compose import compose, to_plain
+from sextant.cli.execute import execute
+from sextant.errors import UserError
+from sextant.runs.directory import RunDirectory
+
+
+def config(folder, outputs, *overrides):
+    quick = [
+        "task=calibration",
+        "dataset=panorama_folder",
+        f"dataset.folder={folder}",
+        "dataset.height=64",
+        "dataset.fractions={train: 0.4, val: 0.4, test: 0.2}",
+        "task.width=64",
+        "task.height=48",
+        "task.crops_per_panorama={train: 16, val: 8, test: 3}",
+        "backbone.widths=[8,16,24]",
+        "trainer.max_epochs=2",
+        "trainer.workers=0",
+        "trainer.progress=false",
+        "tracking=none",
+        f"paths.outputs={outputs}",
+        f"paths.cache={outputs}/data",
+    ]
+    return to_plain(compose([*quick, *overrides]))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("panoramas")
+    rng = np.random.default_rng(0)
+    for i in range(10):
+        Image.fromarray(panorama(rng)).save(path / f"scene{i}.png")
+    return path
+
+
+@pytest.fixture(scope="module")
+def trained(folder, tmp_path_factory):
+    outputs = tmp_path_factory.mktemp("outputs")
+    return outputs, RunDirectory(execute(config(folder, outputs)).directory)
+
+
+def test_a_run_leaves_a_table_figures_and_errors_by_crop(trained):
+    _, run = trained
+    results = run.results()
+    methods = [row["method"] for row in results["table"]]
+    assert methods[:7] == [
+        "constant", "prior", "vanishing points", "plumb lines", "both", "network", "network + lines",
+    ]  # fmt: skip
+    assert {path.stem for path in run.figures.iterdir()} >= {"crops", "error_by_parameter", "coverage"}
+    with np.load(run.arrays, allow_pickle=False) as arrays:
+        assert arrays["tilt_deg/network"].shape == arrays["panoramas"].shape == (6,)
+
+
+def test_the_same_command_returns_the_finished_run(folder, trained):
+    outputs, run = trained
+    outcome = execute(config(folder, outputs))
+    assert outcome.reused
+    assert outcome.directory == run.path
+
+
+def test_evaluation_repeats_the_test_of_training(trained):
+    outputs, run = trained
+    evaluate.main([f"run={run.path}", "tracking=none", f"paths.outputs={outputs}", f"paths.cache={outputs}/data"])
+    (again,) = outputs.glob("runs/evaluation/*/metrics.json")
+    found, expected = json.loads(again.read_text())["metrics"], run.results()["metrics"]
+    assert found == {key: value for key, value in expected.items() if key.startswith("test/")}
+
+
+def test_photos_of_any_kind_are_calibrated(trained, tmp_path):
+    outputs, run = trained
+    rng = np.random.default_rng(1)
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    Image.fromarray(rng.integers(0, 255, (90, 160, 3), np.uint8)).save(photos / "wide.jpg")
+    Image.fromarray(rng.integers(0, 255, (160, 100), np.uint8)).save(photos / "tall_grey.png")
+    (photos / "empty.jpg").touch()
+    predict.main([f"run={run.path}", f"input={photos}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])
+    said = json.loads((tmp_path / "out" / "wide.json").read_text())
+    assert said["focal_px"] > 0
+    assert (tmp_path / "out" / "tall_grey.json").is_file()
+    assert "empty.jpg" in (tmp_path / "out" / "calibrations.json").read_text()
+
+
+def test_a_dataset_without_panoramas_is_refused(tmp_path):
+    raw = to_plain(compose(["task=calibration", "dataset=digits", f"paths.outputs={tmp_path}"]))
+    with pytest.raises(UserError, match="digits has no panoramas"):
+        execute(raw)
