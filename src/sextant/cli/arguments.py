@@ -20,7 +20,7 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
     """
     if any(argument in ("-h", "--help") for argument in arguments):
         print(f"{usage}\n")
-        width = max(map(len, known))
+        width = max(map(len, known), default=0)
         print("\n".join(f"  {key:<{width}}  {meaning}" for key, meaning in known.items()))
         raise SystemExit(0)
     found: dict[str, str] = {}

@@ -9,7 +9,7 @@ from sextant.errors import UserError
 
 @contextmanager
 def telling_write_errors(folder: Path) -> Iterator[None]:
-    """Turn what the disk refuses inside into one message. Only writes belong inside: any OSError is taken for one.
+    """Turn what the disk refuses inside into one message. Nothing that reads belongs inside.
 
     Raises:
         UserError: the disk is full, or ``folder`` cannot be written to.

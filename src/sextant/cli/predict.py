@@ -4,6 +4,7 @@ What is heavy is imported where it is used, so that mistakes in a command are to
 """
 
 import csv
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from sextant.cli.photo_calibration.options import CalibrationOptions, options_fr
 from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
+from sextant.runs.atomic import write_atomically
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = (
@@ -148,11 +150,12 @@ def _batches(paths: list[Path]) -> Iterator[list[Path]]:
 
 
 def _write(rows: list[dict[str, Any]], output: Path) -> None:
-    (output / "predictions.json").write_text(json.dumps(rows, indent=2) + "\n")
-    with (output / "predictions.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, ["file", "class", "probability", "error"], extrasaction="ignore", restval="")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_atomically(output / "predictions.json", lambda file: file.write((json.dumps(rows, indent=2) + "\n").encode()))
+    table = io.StringIO()
+    writer = csv.DictWriter(table, ["file", "class", "probability", "error"], extrasaction="ignore", restval="")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_atomically(output / "predictions.csv", lambda file: file.write(table.getvalue().encode()))
 
 
 def _sheet(pictures: list[tuple[np.ndarray, str]], output: Path) -> None:

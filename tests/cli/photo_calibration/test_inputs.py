@@ -1,0 +1,20 @@
+import pytest
+from cli.photo_calibration.fakes import calibrate, photo
+
+from sextant.cli.photo_calibration.inputs import find_photos
+from sextant.errors import UserError
+
+
+def test_photos_are_found_by_file_folder_or_pattern_and_outputs_are_not(tmp_path):
+    a, b = photo(tmp_path / "a.jpg"), photo(tmp_path / "sub" / "b.PNG")
+    (tmp_path / "note.txt").write_text("")
+    assert find_photos(str(a), tmp_path / "out") == [a]
+    assert find_photos(str(tmp_path), tmp_path / "out") == [a, b]
+    assert find_photos(str(tmp_path / "*.jpg"), tmp_path / "out") == [a]
+    assert find_photos(str(tmp_path / "**" / "*.PNG"), tmp_path / "out") == [b]
+    calibrate([a, b], tmp_path)
+    assert find_photos(str(tmp_path), tmp_path) == [a, b]
+    for nowhere in ("none.jpg", "*.gif", "empty"):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        with pytest.raises(UserError, match="no photo there"):
+            find_photos(str(tmp_path / nowhere), tmp_path / "out")

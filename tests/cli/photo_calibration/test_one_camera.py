@@ -1,0 +1,66 @@
+import json
+
+import numpy as np
+import pytest
+from cli.photo_calibration.fakes import Fake, calibrate, photo
+
+from sextant.errors import UserError
+
+
+def test_photos_of_one_camera_get_one_camera(tmp_path):
+    greys = (68, 70, 71, 73)
+    paths = [photo(tmp_path / f"{g}.png", grey=g) for g in greys]
+    paths.append(photo(tmp_path / "less.png", (64, 48), grey=70))  # the same camera, scaled down
+    rows = calibrate(paths, tmp_path / "out", camera="one")
+    assert len({round(row["focal_px"] / row["width"], 9) for row in rows}) == 1
+    assert len({round(row["k1"], 9) for row in rows}) == 1
+    assert rows[0]["focal_px"] == pytest.approx(60 * 0.705, rel=0.01)
+    summary = json.loads((tmp_path / "out" / "calibrations.json").read_text())["camera"]
+    assert summary["consistent"]
+    assert summary["left_out"] == []
+    alone = calibrate(paths[:1], tmp_path / "alone")[0]
+    assert np.ptp(rows[0]["intervals"]["68"]["focal_px"]) < np.ptp(alone["intervals"]["68"]["focal_px"])
+
+
+def test_portrait_and_landscape_photos_of_one_camera_agree(tmp_path):
+    # the portrait photo is cut to 60 x 60: its focal length of 42 px is 0.7 of that part's height too
+    paths = [photo(tmp_path / "a.png", (80, 60)), photo(tmp_path / "b.png", (60, 80)), photo(tmp_path / "c.png")]
+    rows = calibrate(paths, tmp_path / "out", camera="one")
+    assert [row["focal_px"] for row in rows] == pytest.approx([42, 42, 42], rel=1e-4)
+    summary = json.loads((tmp_path / "out" / "calibrations.json").read_text())["camera"]
+    assert summary["chi_square"] == pytest.approx(0, abs=1e-4)
+
+
+def test_one_photo_of_another_camera_is_left_out_and_named(tmp_path, capsys):
+    paths = [photo(tmp_path / f"{i}.png", grey=g) for i, g in enumerate((69, 70, 130, 71))]
+    rows = calibrate(paths, tmp_path / "out", camera="one")
+    summary = json.loads((tmp_path / "out" / "calibrations.json").read_text())["camera"]
+    assert summary["left_out"] == [str(paths[2])]
+    assert rows[2]["focal_px"] == pytest.approx(78, rel=0.01)
+    assert any("left out of the fusion" in reason for reason in rows[2]["confidence"]["reasons"])
+    assert "from 3 of 4 photos" in " ".join(capsys.readouterr().out.split())
+
+
+def test_photos_that_do_not_agree_are_said_to(tmp_path):
+    paths = [photo(tmp_path / f"{g}.png", grey=g) for g in (40, 150)]
+    rows = calibrate(paths, tmp_path / "out", camera="one")
+    assert all(any("disagree more than" in reason for reason in row["confidence"]["reasons"]) for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "options", "says"),
+    [
+        ([(80, 60), (90, 60)], {}, "sides of 1:1.333 and 1:1.500"),
+        ([(80, 60), (160, 120)], {"focal_prior": 50.0}, "longer sides of 80 to 160 pixels"),
+    ],
+)
+def test_photos_that_cannot_be_of_one_camera(tmp_path, sizes, options, says):
+    paths = [photo(tmp_path / f"{i}.png", size) for i, size in enumerate(sizes)]
+    with pytest.raises(UserError, match=says) as raised:
+        calibrate(paths, tmp_path / "out", camera="one", **options)
+    assert raised.value.fix
+
+
+def test_nothing_is_fused_without_intervals(tmp_path):
+    with pytest.raises(UserError, match="gives no intervals"):
+        calibrate([photo(tmp_path / "a.png")], tmp_path / "out", Fake(scores=1), camera="one")

@@ -1,0 +1,216 @@
+import contextlib
+import math
+import struct
+import warnings
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from data.photos.pictures import exif_with, save, scene
+from PIL import Image
+
+from sextant.data.photos import read_photo
+from sextant.errors import UserError
+
+UPRIGHT = {
+    1: lambda a: a,
+    2: lambda a: a[:, ::-1],
+    3: lambda a: a[::-1, ::-1],
+    4: lambda a: a[::-1],
+    5: lambda a: a.swapaxes(0, 1),
+    6: lambda a: np.rot90(a, -1),
+    7: lambda a: a.swapaxes(0, 1)[::-1, ::-1],
+    8: lambda a: np.rot90(a, 1),
+}
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg", "tif", "webp"])
+@pytest.mark.parametrize("orientation", UPRIGHT)
+def test_a_photo_is_turned_upright(tmp_path, kind, orientation):
+    pixels = scene()
+    options = {"webp": {"lossless": True}, "jpg": {"quality": 100, "subsampling": 0}}.get(kind, {})
+    photo = read_photo(save(tmp_path / f"p.{kind}", pixels, exif=exif_with(orientation), **options))
+    upright = UPRIGHT[orientation](pixels)
+    assert (photo.height, photo.width) == upright.shape[:2] == photo.image.shape[:2]
+    assert np.abs(photo.image.astype(int) - upright).max() <= (4 if kind == "jpg" else 0)
+    assert photo.orientation == orientation
+    assert photo.scale == 1
+
+
+@pytest.mark.parametrize("orientation", [0, 9, 65535])
+def test_an_orientation_that_does_not_exist_is_ignored(tmp_path, orientation):
+    photo = read_photo(save(tmp_path / "p.png", scene(), exif=exif_with(orientation)))
+    np.testing.assert_array_equal(photo.image, scene())
+
+
+def test_grey_has_three_equal_channels(tmp_path):
+    photo = read_photo(save(tmp_path / "p.png", scene()[..., 0]))
+    np.testing.assert_array_equal(photo.image, np.repeat(scene()[..., :1], 3, 2))
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+@pytest.mark.parametrize("kind", ["png", "tif"])
+def test_more_than_eight_bits_become_eight(tmp_path, kind, bits):
+    grey = np.linspace(0, (1 << bits) - 1, 64 * 96).round().astype(np.uint16).reshape(64, 96)
+    photo = read_photo(save(tmp_path / f"p.{kind}", grey))
+    np.testing.assert_array_equal(photo.image[..., 0], grey >> (bits - 8))
+
+
+def test_sixteen_bit_colour_keeps_its_high_bytes(tmp_path):
+    colour = scene().astype(np.uint16) * 257
+    assert cv2.imwrite(str(tmp_path / "p.png"), colour[..., ::-1])
+    np.testing.assert_array_equal(read_photo(tmp_path / "p.png").image, scene())
+
+
+@pytest.mark.parametrize("top", [1.0, 255.0, 4000.0])
+def test_floating_point_is_scaled_to_bytes(tmp_path, top):
+    values = np.linspace(0, top, 64 * 96, dtype=np.float32).reshape(64, 96)
+    values[0, 0] = np.nan
+    image = read_photo(save(tmp_path / "p.tif", values)).image
+    assert image.max() == 255
+    assert np.abs(image[..., 0] - np.nan_to_num(values) * 255 / top).max() <= 0.51
+
+
+def test_what_is_transparent_becomes_mid_grey(tmp_path):
+    rgba = scene(channels=4)
+    rgba[:32, :, 3] = 0
+    rgba[32:, :48, 3] = 128
+    image = read_photo(save(tmp_path / "p.png", rgba)).image.astype(float)
+    assert (image[:32] == 128).all()
+    np.testing.assert_array_equal(image[32:, 48:], scene()[32:, 48:])
+    np.testing.assert_allclose(image[32:, :48], (scene()[32:, :48].astype(float) + 128) / 2, atol=1.1)
+
+
+def test_grey_with_alpha_and_palettes_with_a_transparent_colour(tmp_path):
+    grey = Image.merge("LA", [Image.new("L", (40, 40), 200), Image.new("L", (40, 40), 0)])
+    assert (read_photo(save(tmp_path / "a.png", grey)).image == 128).all()
+    palette = Image.fromarray(scene()).quantize(16)
+    colours = np.asarray(palette.convert("RGB"))
+    np.testing.assert_array_equal(read_photo(save(tmp_path / "b.png", palette)).image, colours)
+    hidden = np.asarray(palette) == 3
+    image = read_photo(save(tmp_path / "c.png", palette, transparency=3)).image
+    assert (image[hidden] == 128).all()
+    np.testing.assert_array_equal(image[~hidden], colours[~hidden])
+
+
+def test_cmyk_black_and_white_and_the_first_of_several_pictures(tmp_path):
+    cmyk = Image.fromarray(scene()).convert("CMYK")
+    image = read_photo(save(tmp_path / "c.jpg", cmyk, quality=100, subsampling=0)).image
+    assert np.abs(image.astype(int) - scene()).max() <= 4
+    bits = Image.fromarray(scene()[..., 0]).convert("1")
+    np.testing.assert_array_equal(read_photo(save(tmp_path / "1.png", bits)).image[..., 0], np.asarray(bits) * 255)
+    first, second = Image.new("RGB", (40, 40), (0, 0, 0)), Image.new("RGB", (40, 40), (255, 255, 255))
+    first.save(tmp_path / "a.gif", save_all=True, append_images=[second])
+    assert (read_photo(tmp_path / "a.gif").image == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "is empty"), (b"not a picture", "cannot be read"), (b"%!PS-Adobe-3.0 EPSF-3.0\n", "cannot be read")],
+)
+def test_what_is_no_picture_is_named(tmp_path, content, says):
+    (tmp_path / "p.jpg").write_bytes(content)
+    with pytest.raises(UserError, match=says) as raised:
+        read_photo(tmp_path / "p.jpg")
+    assert "p.jpg" in raised.value.problem
+    assert raised.value.fix
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    for path in (tmp_path / "none.jpg", tmp_path):
+        with pytest.raises(UserError, match="no such file"):
+            read_photo(path)
+
+
+def test_a_format_of_phones_that_is_not_decoded_is_explained(tmp_path):
+    (tmp_path / "p.heic").write_bytes(b"\0\0\0\x18ftypheic" + bytes(100))
+    with pytest.raises(UserError, match="cannot be read") as raised:
+        read_photo(tmp_path / "p.heic")
+    assert "JPEG" in raised.value.fix
+
+
+@pytest.mark.parametrize("kind", ["jpg", "png", "tif", "webp", "gif", "bmp", "jp2"])
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.7, 0.95])
+def test_a_truncated_photo_is_refused(tmp_path, kind, share):
+    noise = np.random.default_rng(0).integers(256, size=(64, 96, 3), dtype=np.uint8)
+    path = save(tmp_path / f"p.{kind}", noise)
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    with pytest.raises(UserError, match="cannot be read"):
+        read_photo(path)
+
+
+@pytest.mark.parametrize("kind", ["jpg", "png", "tif", "webp", "gif", "bmp", "jp2"])
+def test_damaged_bytes_never_raise_anything_else(tmp_path, kind):
+    rng = np.random.default_rng(1)
+    original = save(tmp_path / f"p.{kind}", scene()).read_bytes()
+    path = tmp_path / f"damaged.{kind}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(60):
+            damaged = bytearray(original)
+            for place in rng.integers(len(damaged), size=8):
+                damaged[place] = rng.integers(256)
+            path.write_bytes(damaged)
+            with contextlib.suppress(UserError):
+                assert read_photo(path).image.shape[2] == 3
+
+
+@pytest.mark.parametrize("size", [(1, 1), (31, 400), (400, 31)])
+def test_a_photo_that_is_too_small_is_refused_with_its_size(tmp_path, size):
+    path = save(tmp_path / "p.png", Image.new("RGB", size))
+    with pytest.raises(UserError, match=f"{size[0]}x{size[1]} pixels.*at least 32"):
+        read_photo(path)
+
+
+def blank_png(path, width, height):
+    """A grey PNG of any size, written without holding it in memory."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packer, packed = zlib.compressobj(1), b""
+    for _ in range(height):
+        packed += packer.compress(b"\0" + bytes(width))
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", packed + packer.flush()) + chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["jpg", "png", "tif"])
+@pytest.mark.parametrize("orientation", [1, 6])
+@pytest.mark.parametrize("limit", [24_000, 9_000, 3_000])
+def test_a_photo_over_the_limit_is_decoded_smaller_and_told_in_original_pixels(
+    tmp_path, monkeypatch, kind, orientation, limit
+):
+    monkeypatch.setattr("sextant.data.photos.reading.LARGEST_DECODED", limit)
+    options = {"quality": 95} if kind == "jpg" else {}
+    exif = exif_with(orientation, FOCAL_35MM=28)
+    photo = read_photo(save(tmp_path / f"p.{kind}", scene(240, 160), exif=exif, **options))
+    upright = UPRIGHT[orientation](scene(240, 160))
+    assert (photo.width, photo.height) == upright.shape[1::-1]
+    rows, columns = photo.image.shape[:2]
+    assert limit / 6 < rows * columns <= 1.05 * limit
+    assert photo.scale == pytest.approx(rows / photo.height, rel=0.03)
+    reference = cv2.resize(np.ascontiguousarray(upright), (columns, rows), interpolation=cv2.INTER_AREA)
+    assert np.abs(photo.image.astype(int) - reference).mean() < 3
+    if kind != "tif":  # Pillow does not write the block into one
+        assert photo.exif_focal_px == pytest.approx(28 / math.hypot(36, 24) * math.hypot(240, 160))
+
+
+def test_a_photo_of_a_hundred_megapixels_is_read_and_pillows_limit_is_left_alone(tmp_path):
+    limit = Image.MAX_IMAGE_PIXELS
+    photo = read_photo(blank_png(tmp_path / "p.png", 12_500, 8_000))
+    assert (photo.width, photo.height) == (12_500, 8_000)
+    assert photo.image.shape == (4000, 6250, 3)
+    assert limit == Image.MAX_IMAGE_PIXELS
+
+
+def test_a_bomb_is_refused_before_it_is_decoded(tmp_path):
+    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    chunk = struct.pack(">I", 13) + b"IHDR" + header + struct.pack(">I", zlib.crc32(b"IHDR" + header))
+    idat = struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", zlib.crc32(b"IDAT"))
+    (tmp_path / "p.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunk + idat)
+    with pytest.raises(UserError, match=r"60000x60000 pixels .3600 megapixels.; PNG is decoded up to 256"):
+        read_photo(tmp_path / "p.png")
