@@ -1,4 +1,4 @@
-"""Calibration from the command line: train on a folder of panoramas, test again from the checkpoint, calibrate photos."""
+"""Calibration from the command line: train on a folder, test again from the checkpoint, calibrate photos."""
 
 import json
 
@@ -24,6 +24,7 @@ def config(folder, outputs, *overrides):
         "task.width=64",
         "task.height=48",
         "task.crops_per_panorama={train: 16, val: 8, test: 3}",
+        "backbone=strided_cnn",
         "backbone.widths=[8,16,24]",
         "trainer.max_epochs=2",
         "trainer.workers=0",

@@ -158,7 +158,14 @@ def bias(mode, parameterization, number, error):
 
 @pytest.mark.parametrize(
     ("parameterization", "number", "error"),
-    [(HORIZON, 0, 0.05), (HORIZON, 2, 0.09), (HORIZON, 2, -0.09), (HORIZON, 3, 0.1), (DIRECT, 2, 0.1), (DIRECT, 3, 0.1)],
+    [
+        (HORIZON, 0, 0.05),
+        (HORIZON, 2, 0.09),
+        (HORIZON, 2, -0.09),
+        (HORIZON, 3, 0.1),
+        (DIRECT, 2, 0.1),
+        (DIRECT, 3, 0.1),
+    ],
 )
 def test_the_disentangled_loss_has_no_bias_where_the_joint_one_has(parameterization, number, error):
     width = paper_space(parameterization).high - paper_space(parameterization).low

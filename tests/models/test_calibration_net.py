@@ -40,7 +40,8 @@ def test_coordinates_are_image_heights_from_the_centre():
     torch.testing.assert_close(u[1, 0, -1], torch.tensor(1 - 1 / 96))
     torch.testing.assert_close(v[0, 0, 0], torch.tensor(-0.5 + 0.5 / 72))
     torch.testing.assert_close(square, u * u + v * v)
-    assert u.sum().abs() < 1e-2 and v.sum().abs() < 1e-2
+    assert u.sum().abs() < 1e-2
+    assert v.sum().abs() < 1e-2
 
 
 def test_without_coordinates_a_network_cannot_tell_the_aspect():

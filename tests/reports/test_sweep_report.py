@@ -138,8 +138,7 @@ def test_arms_tested_on_other_images_and_conditions_are_compared_by_what_they_sh
 def test_a_run_that_a_nan_stopped_is_a_dropped_pair(sweep):
     results, _ = sweep
     lost = [
-        replace(c, outcome="diverged", values={}) if (c.cell.arm, c.cell.pair) == ("b", 0) else c
-        for c in results.cells
+        replace(c, outcome="diverged", values={}) if (c.cell.arm, c.cell.pair) == ("b", 0) else c for c in results.cells
     ]
     (row,) = (r for r in contrasts(replace(results, cells=lost)) if (r.contrast, r.condition) == ("effect", "clean"))
     assert (row.paired.seeds, row.dropped) == (6, 3)

@@ -320,6 +320,23 @@ class StridedCNN(Part):
     grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
 
 
+class OrientedCNN(Part):
+    """Convolutions on histograms of oriented gradients."""
+
+    target: Literal["sextant.models.OrientedCNN"] = Field(alias="_target_")
+    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=1, examples=["[48,96,128]"])
+    strides: list[Literal[1, 2]] = Field(min_length=1, examples=["[1,2,2]"])
+    orientations: int = Field(ge=2, le=64, examples=[10])
+    cell: int = Field(ge=1, le=32, examples=[4])
+    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
+
+    @model_validator(mode="after")
+    def _a_stride_a_width(self) -> Self:
+        if len(self.widths) != len(self.strides):
+            raise ValueError(f"backbone.strides={self.strides} must have one entry for each of {self.widths}")
+        return self
+
+
 class TorchvisionBackbone(Part):
     """A torchvision network."""
 
@@ -339,10 +356,11 @@ class TimmBackbone(Part):
 Backbone = Annotated[
     Annotated[LeNet, Tag("sextant.models.LeNet")]
     | Annotated[StridedCNN, Tag("sextant.models.StridedCNN")]
+    | Annotated[OrientedCNN, Tag("sextant.models.OrientedCNN")]
     | Annotated[TorchvisionBackbone, Tag("sextant.models.torchvision_backbone")]
     | Annotated[TimmBackbone, Tag("sextant.models.timm_backbone")]
     | Annotated[CustomPart, Tag("custom")],
-    _choose_part(LeNet, StridedCNN, TorchvisionBackbone, TimmBackbone),
+    _choose_part(LeNet, StridedCNN, OrientedCNN, TorchvisionBackbone, TimmBackbone),
 ]
 
 

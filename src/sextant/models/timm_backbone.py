@@ -1,5 +1,7 @@
 """Any timm network as a backbone; timm is an extra: ``pip install sextant[timm]``."""
 
+from typing import Any
+
 from torch import nn
 
 from sextant.errors import UserError
@@ -27,7 +29,7 @@ def timm_backbone(
     if not timm.is_model(name):
         near = timm.list_models(f"{name[:6]}*")[:5] or timm.list_models("resnet1*")[:5]
         raise UserError(f"backbone.name={name!r} is not a timm network", f"For example {', '.join(near)}")
-    settings = {"num_classes": num_classes, "in_chans": in_channels}
+    settings: dict[str, Any] = {"num_classes": num_classes, "in_chans": in_channels}
     try:
         try:
             network: nn.Module = timm.create_model(name, pretrained=pretrained, img_size=image_size, **settings)

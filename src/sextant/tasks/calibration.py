@@ -156,7 +156,10 @@ class Calibration(pl.LightningModule):
         # the likelihood of Laplace's distribution: smallest where the scale is the mean absolute error
         expected = (output.log_scale + error * torch.exp(-output.log_scale)).mean()
         self._log_training_loss(self.step_losses.add(self.global_step, loss))
-        return loss + expected  # the heads of ``expected`` are fed features without gradient: the sum couples nothing
+        total: Tensor = (
+            loss + expected
+        )  # the heads of ``expected`` are fed features without gradient: the sum couples nothing
+        return total
 
     def on_train_epoch_end(self) -> None:
         """Look at the losses since the last logged one, so that no epoch ends unseen."""

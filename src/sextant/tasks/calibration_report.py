@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -127,8 +127,8 @@ def _segment_counts(data: CalibrationData, split: str, progress: Progress) -> In
 
 
 def _over_crops(
-    data: CalibrationData, split: str, n: int, look: Callable[..., object], what: str, progress: Progress
-) -> Iterator:
+    data: CalibrationData, split: str, n: int, look: Callable[..., Any], what: str, progress: Progress
+) -> Iterator[Any]:
     """``look(i, image)`` for the first ``n`` crops of a split, in order, on two threads."""
     crops = data.larger(split)
     with ThreadPoolExecutor(THREADS) as pool:

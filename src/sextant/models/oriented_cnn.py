@@ -1,0 +1,123 @@
+r"""A small network that is given the directions of edges instead of having to learn them.
+
+The camera shows in the directions of lines: how they lean (roll), converge (tilt, field of view) and bow (distortion).
+A network trained from scratch spends most of its first hundred thousand images on learning edge detectors; here the
+first layer is a histogram of oriented gradients in cells, as a fixed function of the image. With the gradient
+:math:`(g_x, g_y) = m(\cos\varphi, \sin\varphi)` of the grey image, a pixel votes for orientation b with
+
+.. math:: m \max(0, \cos 2(\varphi - \varphi_b))^2, \qquad \varphi_b = \pi b / B,
+
+votes are averaged over cells of a few pixels, and divided by the mean vote of 3 x 3 cells, so that contrast does not
+matter. The log of that mean, the colours and all further channels, averaged over cells, go along.
+
+Source: N. Dalal, B. Triggs, "Histograms of oriented gradients for human detection", CVPR 2005.
+"""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+GROUP = 8
+#: gradient, per pixel of an image in [-1, 1], below which there is no edge
+FAINT = 0.01
+
+
+class OrientedGradients(nn.Module):
+    """Histograms of edge orientation in cells, beside the averages of all channels; see the module.
+
+    Args:
+        orientations: number of bins over half a turn.
+        cell: side of a cell in pixels.
+    """
+
+    sobel: Tensor
+    votes: Tensor
+
+    def __init__(self, orientations: int = 10, cell: int = 4):
+        super().__init__()
+        self.cell = cell
+        across = torch.tensor([[-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0], [-1.0, 0.0, 1.0]]) / 8
+        self.register_buffer("sobel", torch.stack([across, across.T])[:, None], persistent=False)
+        twice = 2 * math.pi * torch.arange(orientations) / orientations
+        votes = torch.stack([twice.cos(), twice.sin()], 1)[:, :, None, None]
+        self.register_buffer("votes", votes, persistent=False)
+
+    def channels(self, in_channels: int) -> int:
+        """How many channels come out."""
+        return len(self.votes) + 1 + in_channels
+
+    @torch.no_grad()
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
+        """Cells of images whose first three channels are colours; without gradient, since nothing here is learnt."""
+        grey = x[:, :3].mean(1, keepdim=True)
+        gradient = F.conv2d(F.pad(grey, (1, 1, 1, 1), mode="replicate"), self.sobel)
+        gx, gy = gradient[:, :1], gradient[:, 1:]
+        strength = (gx * gx + gy * gy).sqrt() + 1e-6
+        doubled = torch.cat([gx * gx - gy * gy, 2 * gx * gy], 1) / strength  # m (cos 2 phi, sin 2 phi)
+        vote = F.relu(F.conv2d(doubled, self.votes)).square() / strength
+        cells = F.avg_pool2d(vote, self.cell)
+        local = F.avg_pool2d(cells.sum(1, keepdim=True), 3, 1, 1, count_include_pad=False) + FAINT
+        return torch.cat([cells / local, 0.3 * local.log() + 0.5, F.avg_pool2d(x, self.cell)], 1)
+
+
+class OrientedCNN(nn.Module):
+    """Oriented gradients, then 3x3 convolutions with group normalisation and ReLU, pooled to a small grid.
+
+    Args:
+        in_channels: channels of the image, the first three its colours.
+        image_size: height and width of the image in pixels.
+        num_classes: numbers that the last, linear layer gives.
+        widths: channels of the layers, multiples of 8.
+        strides: of the layers.
+        orientations: bins of edge direction.
+        cell: side of a cell in pixels.
+        grid: height and width of the grid that is pooled to.
+
+    Raises:
+        ValueError: a width is not a multiple of 8, widths and strides differ in number, there are fewer than three
+            channels, or the image is too small.
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        image_size: tuple[int, int],
+        num_classes: int,
+        *,
+        widths: tuple[int, ...] = (48, 96, 128, 160),
+        strides: tuple[int, ...] = (1, 2, 2, 1),
+        orientations: int = 10,
+        cell: int = 4,
+        grid: tuple[int, int] = (3, 4),
+    ):
+        super().__init__()
+        if any(width % GROUP for width in widths):
+            raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
+        if len(widths) != len(strides):
+            raise ValueError(f"{len(widths)} widths need as many strides, got {tuple(strides)}")
+        if in_channels < 3:
+            raise ValueError(f"oriented gradients need images in colour, got {in_channels} channels")
+        smallest = tuple(math.ceil(side // cell / math.prod(strides)) for side in image_size)
+        if smallest[0] < grid[0] or smallest[1] < grid[1]:
+            raise ValueError(f"images of {image_size[0]}x{image_size[1]} are too small for cells of {cell} pixels")
+        self.gradients = OrientedGradients(orientations, cell)
+        before = self.gradients.channels(in_channels)
+        layers: list[nn.Module] = []
+        for width, stride in zip(widths, strides, strict=True):
+            layers += [
+                nn.Conv2d(before, width, 3, stride, padding=1, bias=False),
+                nn.GroupNorm(width // GROUP, width),
+                nn.ReLU(inplace=True),
+            ]
+            before = width
+        self.features = nn.Sequential(*layers)
+        self.grid = (grid[0], grid[1])
+        self.head = nn.Linear(before * grid[0] * grid[1], num_classes)
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
+        """Outputs of the last layer for a batch of images."""
+        cells = self.gradients(x).contiguous(memory_format=torch.channels_last)
+        return self.head(F.adaptive_avg_pool2d(self.features(cells), self.grid).flatten(1))  # type: ignore[no-any-return]
