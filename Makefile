@@ -9,8 +9,8 @@ READY  := $(VENV)/.ready$(subst /,-,$(CURDIR))# a moved checkout needs its envir
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-run: $(READY) ## train and test the main job: LeNet on real digit scans, no download
-	$(BIN)/python train.py task=classification
+run: $(READY) ## train and test the main job: calibration on panoramas of a town that is rendered first, no download
+	$(BIN)/python train.py task=calibration
 
 test: $(READY) ## the whole test suite, on every core
 	$(BIN)/python -m pytest -n auto

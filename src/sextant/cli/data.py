@@ -2,15 +2,13 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 from hydra.utils import get_object
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from sextant.cli.arguments import parse_arguments
@@ -18,6 +16,7 @@ from sextant.cli.assemble import build_dataset
 from sextant.cli.compose import compose, conf_dir, groups, to_plain
 from sextant.cli.console import console, key_value_table
 from sextant.cli.gallery import gallery
+from sextant.cli.work_progress import work_progress
 from sextant.config import validate
 from sextant.errors import UserError
 
@@ -90,7 +89,7 @@ def _render(arguments: list[str]) -> None:
     try:
         store = open_store(plan, cache, tell=_tell)
         state = f"{store.rendered:,} of {len(store):,}"
-        with _progress("rendering", "images") as progress:
+        with work_progress("rendering", "images") as progress:
             made = store.fill(progress, threads)
     except KeyboardInterrupt:
         state = f"{store.rendered:,} of {len(store):,}" if state != "nothing" else state
@@ -171,7 +170,7 @@ def _verify(arguments: list[str]) -> None:
     if len(names) != 1:
         raise UserError("which store? Give one", USAGE)
     directory = _find(names[0], _cache(paths))
-    with _progress("checking", "chunks") as progress:
+    with work_progress("checking", "chunks") as progress:
         report = verify_store(directory, progress)
     _show(report)
     if report.sound:
@@ -231,23 +230,3 @@ def _cache(overrides: Sequence[str]) -> Path:
 
 def _tell(message: str) -> None:
     console.print(escape(message))
-
-
-@contextmanager
-def _progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """A function that shows how far the work is: a bar on a terminal, a line every few seconds elsewhere."""
-    if not console.is_terminal:
-        drawn = time.monotonic()
-
-        def line(done: int, total: int) -> None:
-            nonlocal drawn
-            if time.monotonic() - drawn > LINE_S:
-                drawn = time.monotonic()
-                console.print(f"{what} {done:,}/{total:,} {unit}")
-
-        yield line
-        return
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -446,6 +446,16 @@ class SGD(Part):
         return self
 
 
+class Adam(Part):
+    """Adam."""
+
+    target: Literal["torch.optim.Adam"] = Field(alias="_target_")
+    partial: Literal[True] = Field(alias="_partial_")
+    lr: Positive = Field(examples=[0.001])
+    betas: list[Annotated[float, Field(ge=0, lt=1)]] = Field(min_length=2, max_length=2, examples=["[0.9,0.999]"])
+    weight_decay: NonNegative = Field(examples=[0.0])
+
+
 class AdamW(Part):
     """AdamW."""
 
@@ -458,9 +468,10 @@ class AdamW(Part):
 
 Optimizer = Annotated[
     Annotated[SGD, Tag("torch.optim.SGD")]
+    | Annotated[Adam, Tag("torch.optim.Adam")]
     | Annotated[AdamW, Tag("torch.optim.AdamW")]
     | Annotated[CustomPart, Tag("custom")],
-    _choose_part(SGD, AdamW),
+    _choose_part(SGD, Adam, AdamW),
 ]
 
 

@@ -21,7 +21,7 @@ from sextant.tasks.calibration import Calibration, CalibrationPrediction, report
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[int, int], None]
 #: errors that are kept as metrics of a run
 KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undistortion_px")
 #: columns of the table that is printed
@@ -104,7 +104,7 @@ def _geometric(
         refined = refine(image, network, sigma)
         return [*(estimate.camera for estimate in estimates), refined.camera], estimates[0].long_segments
 
-    found = list(_over_crops(data, "test", n, look, "lines of the test crops", progress))
+    found = list(_over_crops(data, "test", n, look, progress))
     columns = zip(*(cameras for cameras, _ in found), strict=True)
     stacked = [CameraParameters(*(torch.stack(values) for values in zip(*column, strict=True))) for column in columns]
     return dict(zip([*methods, "network + lines"], stacked, strict=True)), np.array([count for _, count in found])
@@ -123,11 +123,11 @@ def _segment_counts(data: CalibrationData, split: str, progress: Progress) -> In
     def look(i: int, image: UInt8[ndarray, "h w 3"]) -> int:
         return count_long(detect_segments(image))
 
-    return np.array(list(_over_crops(data, split, data.count(split), look, "lines of the validation crops", progress)))
+    return np.array(list(_over_crops(data, split, data.count(split), look, progress)))
 
 
 def _over_crops(
-    data: CalibrationData, split: str, n: int, look: Callable[..., Any], what: str, progress: Progress
+    data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Progress
 ) -> Iterator[Any]:
     """``look(i, image)`` for the first ``n`` crops of a split, in order, on two threads."""
     crops = data.larger(split)
@@ -136,7 +136,7 @@ def _over_crops(
             numbers = list(range(start, min(start + BATCH, n)))
             images = np.ascontiguousarray(crops[numbers].images.numpy().transpose(0, 2, 3, 1))
             yield from pool.map(look, numbers, images)
-            progress(what, numbers[-1] + 1, n)
+            progress(numbers[-1] + 1, n)
 
 
 def _repeated(camera: CameraParameters, n: int) -> CameraParameters:

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -76,7 +77,8 @@ def test_panoramas_go_to_another_process_without_their_levels():
 
 def test_the_town_is_rendered_when_it_is_read_and_not_before(tmp_path):
     told = []
-    source = TownPanoramaSource(town(tmp_path), progress=lambda done, total: told.append((done, total)))
+    source = TownPanoramaSource(town(tmp_path))
+    source.showing = lambda: nullcontext(lambda done, total: told.append((done, total)))
     assert isinstance(source, PanoramaSource)
     assert source.files("train") == []
     print_before = source.fingerprint()

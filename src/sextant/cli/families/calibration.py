@@ -1,12 +1,12 @@
 """Single-image calibration: how its parts are put together."""
 
-import time
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sextant.cli.assemble import build, build_dataset, build_suite, build_training, part_name
-from sextant.cli.console import console
 from sextant.cli.families.family import Family, Source, TestRecord
+from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.schema import CalibrationTask
 from sextant.errors import UserError
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sextant.data.calibration.panoramas import PanoramaSource
     from sextant.tasks.calibration import Calibration
 
-TELL_S = 10.0
 #: cameras drawn to find the ranges and the middle of a distribution
 DRAWS, DRAW_SEED = 100_000, 999_983
 
@@ -26,9 +25,12 @@ class CalibrationFamily(Family):
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "PanoramaSource":
         """The dataset as a source of panoramas."""
-        from sextant.data.calibration.panoramas import as_panorama_source
+        from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources
 
-        return as_panorama_source(build_dataset(raw, config))
+        source = as_panorama_source(build_dataset(raw, config))
+        for world in rendered_sources(source):
+            world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+        return source
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
@@ -127,23 +129,11 @@ class CalibrationFamily(Family):
 
         assert isinstance(config.task, CalibrationTask)
         assert module.result is not None
-        tell = _Telling()
-        report = compare(module, data, geometric=config.task.geometric_baselines, progress=tell)
+        with work_progress("looking at lines", "crops") as progress:
+            report = compare(module, data, geometric=config.task.geometric_baselines, progress=progress)
         return TestRecord(
             arrays(module, report),
             figures(module, data, report),
             metrics(module, report),
             table(report, module.result.panoramas),
         )
-
-
-class _Telling:
-    """Prints how far the geometric methods are, every few seconds."""
-
-    def __init__(self) -> None:
-        self.told = time.monotonic()
-
-    def __call__(self, what: str, done: int, total: int) -> None:
-        if time.monotonic() - self.told > TELL_S or done == total:
-            self.told = time.monotonic()
-            console.print(f"{what}: {done}/{total}")

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from sextant.data.worlds.towns import TownPanoramas
 
 Split = Literal["train", "val", "test"]
+Showing = Callable[[], AbstractContextManager[Callable[[int, int], None]]]
 SPLITS: tuple[Split, ...] = get_args(Split)
 #: bytes of resized panoramas that are kept in memory
 KEPT_BYTES = 2 * 2**30
@@ -128,15 +131,17 @@ class TownPanoramaSource:
 
     Args:
         dataset: what to render, and where it is kept.
-        progress: called with the number of panoramas on disk and of all while they are rendered; None for a line on
-            the standard error every few seconds.
-        threads: that render.
+        threads: that render; None for one a core.
+
+    Attributes:
+        showing: makes a context with a function that is called with the number of panoramas on disk and of all while
+            they are rendered; a line on the standard error every few seconds unless it is replaced.
     """
 
-    def __init__(self, dataset: "TownPanoramas", progress: Callable[[int, int], None] | None = None, threads: int = 1):
-        self.dataset, self.threads = dataset, threads
+    def __init__(self, dataset: "TownPanoramas", threads: int | None = None):
+        self.dataset, self.threads = dataset, threads or os.cpu_count() or 1
         self.name = dataset.name
-        self.progress = progress or telling_every(5.0, f"rendering {dataset.name}")
+        self.showing: Showing = lambda: nullcontext(telling_every(5.0, f"rendering {dataset.name}"))
 
     def files(self, split: Split) -> list[Path]:
         """None: what is missing is rendered."""
@@ -154,7 +159,8 @@ class TownPanoramaSource:
         plan = self.dataset.plan()
         store = open_store(plan, self.dataset.cache)
         if not store.complete:
-            store.fill(self.progress, self.threads)
+            with self.showing() as progress:
+                store.fill(progress, self.threads)
         rows = np.flatnonzero(store.columns["split"] == plan.splits.index(split))
         if not len(rows):
             raise UserError(f"dataset={self.name} has no {split} panoramas", f"dataset.images.{split}=16")
@@ -197,6 +203,13 @@ class PanoramaMix:
             f"{source.name}/{name}" for source, part in zip(self.sources, parts, strict=True) for name in part.names
         ]
         return Panoramas(images, names)
+
+
+def rendered_sources(source: PanoramaSource) -> list[TownPanoramaSource]:
+    """The parts of a source that are rendered."""
+    if isinstance(source, PanoramaMix):
+        return [town for part in source.sources for town in rendered_sources(part)]
+    return [source] if isinstance(source, TownPanoramaSource) else []
 
 
 def as_panorama_source(dataset: Any) -> PanoramaSource:

@@ -1,0 +1,32 @@
+"""How far long work is, whatever the work."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from sextant.cli.console import console
+
+#: seconds between two lines where there is no terminal
+LINE_S = 5.0
+
+
+@contextmanager
+def work_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """A function that shows how far the work is: a bar on a terminal, a line every few seconds elsewhere."""
+    if not console.is_terminal:
+        drawn = time.monotonic()
+
+        def line(done: int, total: int) -> None:
+            nonlocal drawn
+            if time.monotonic() - drawn > LINE_S:
+                drawn = time.monotonic()
+                console.print(f"{what} {done:,}/{total:,} {unit}")
+
+        yield line
+        return
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
