@@ -8,7 +8,7 @@ from rich.table import Table
 
 from benchmarks.machine import describe_machine
 
-NAMES = ("start_up", "training_loop", "skip_cell", "worlds", "crops")
+NAMES = ("start_up", "training_loop", "skip_cell", "worlds", "crops", "photos")
 
 
 def main(names: list[str]) -> None:

@@ -587,6 +587,7 @@ class CalibrationTask(Node):
     width: ImageSide = Field(examples=[96])
     height: ImageSide = Field(examples=[72])
     crops_per_panorama: BySplit
+    augment: bool
     features: Count = Field(examples=[256])
     coordinates: bool
     clip: Positive = Field(examples=[1.0])

@@ -25,6 +25,14 @@ GROUP = 8
 FAINT = 0.01
 
 
+def sobel(grey: Float[Tensor, "b 1 h w"]) -> tuple[Float[Tensor, "b 1 h w"], Float[Tensor, "b 1 h w"]]:
+    """Horizontal and vertical gradient by Sobel's filter, per pixel; borders are repeated."""
+    g = F.pad(grey, (1, 1, 1, 1), mode="replicate")
+    down = g[..., :-2, :] + 2 * g[..., 1:-1, :] + g[..., 2:, :]
+    along = g[..., :-2] + 2 * g[..., 1:-1] + g[..., 2:]
+    return (down[..., 2:] - down[..., :-2]) / 8, (along[..., 2:, :] - along[..., :-2, :]) / 8
+
+
 class OrientedGradients(nn.Module):
     """Histograms of edge orientation in cells, beside the averages of all channels; see the module.
 
@@ -33,14 +41,11 @@ class OrientedGradients(nn.Module):
         cell: side of a cell in pixels.
     """
 
-    sobel: Tensor
     votes: Tensor
 
     def __init__(self, orientations: int = 10, cell: int = 4):
         super().__init__()
         self.cell = cell
-        across = torch.tensor([[-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0], [-1.0, 0.0, 1.0]]) / 8
-        self.register_buffer("sobel", torch.stack([across, across.T])[:, None], persistent=False)
         twice = 2 * math.pi * torch.arange(orientations) / orientations
         votes = torch.stack([twice.cos(), twice.sin()], 1)[:, :, None, None]
         self.register_buffer("votes", votes, persistent=False)
@@ -52,13 +57,11 @@ class OrientedGradients(nn.Module):
     @torch.no_grad()
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
         """Cells of images whose first three channels are colours; without gradient, since nothing here is learnt."""
-        grey = x[:, :3].mean(1, keepdim=True)
-        gradient = F.conv2d(F.pad(grey, (1, 1, 1, 1), mode="replicate"), self.sobel)
-        gx, gy = gradient[:, :1], gradient[:, 1:]
-        strength = (gx * gx + gy * gy).sqrt() + 1e-6
-        doubled = torch.cat([gx * gx - gy * gy, 2 * gx * gy], 1) / strength  # m (cos 2 phi, sin 2 phi)
-        vote = F.relu(F.conv2d(doubled, self.votes)).square() / strength
-        cells = F.avg_pool2d(vote, self.cell)
+        gx, gy = sobel((x[:, 0] + x[:, 1] + x[:, 2])[:, None] / 3)
+        strength = torch.hypot(gx, gy).add_(1e-6)
+        # votes are homogeneous: of (cos 2 phi, sin 2 phi) times the root of m, squared
+        doubled = torch.cat([gx * gx - gy * gy, 2 * gx * gy], 1).div_(strength.pow(1.5))
+        cells = F.avg_pool2d(F.conv2d(doubled, self.votes).relu_().square_(), self.cell)
         local = F.avg_pool2d(cells.sum(1, keepdim=True), 3, 1, 1, count_include_pad=False) + FAINT
         return torch.cat([cells / local, 0.3 * local.log() + 0.5, F.avg_pool2d(x, self.cell)], 1)
 

@@ -60,6 +60,7 @@ class CalibrationFamily(Family):
             eval_batch_size=config.trainer.eval_batch_size,
             seed=config.seed,
             workers=config.trainer.workers,
+            augment=task.augment,
         )
 
     def spec(

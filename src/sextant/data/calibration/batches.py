@@ -16,6 +16,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
+from sextant.data.calibration.augmentation import augmented
 from sextant.data.calibration.camera_distributions import CameraDistribution
 from sextant.data.calibration.crops import crop_batch
 from sextant.geometry import CameraParameters
@@ -73,6 +74,7 @@ class Crops(Dataset[CropBatch]):
         height: of a crop in pixels.
         seed: of the draws.
         antialias: average over the area of a pixel.
+        augment: change the light, the sensor and the side; see :mod:`~sextant.data.calibration.augmentation`.
     """
 
     def __init__(
@@ -84,8 +86,9 @@ class Crops(Dataset[CropBatch]):
         seed: int,
         *,
         antialias: bool = True,
+        augment: bool = False,
     ):
-        self.panoramas, self.distribution, self.seed = panoramas, distribution, seed
+        self.panoramas, self.distribution, self.seed, self.augment = panoramas, distribution, seed, augment
         self.width, self.height, self.antialias = width, height, antialias
 
     def __getitem__(self, numbers: list[int] | Tensor) -> CropBatch:
@@ -96,13 +99,14 @@ class Crops(Dataset[CropBatch]):
             self.panoramas, which, draw, self.width, self.height,
             k2_of_k1=self.distribution.k2_of_k1, antialias=self.antialias,
         )  # fmt: skip
-        return CropBatch(
+        batch = CropBatch(
             torch.as_tensor(images),
             draw.cameras.to(dtype=torch.float32),
             draw.aspect.float(),
             torch.from_numpy(which),
             torch.from_numpy(chosen),
         )
+        return augmented(batch, self.seed) if self.augment else batch
 
     def cameras(self, count: int) -> CameraParameters:
         """The first ``count`` cameras without their images, in float64."""

@@ -28,6 +28,7 @@ class CalibrationData(pl.LightningDataModule):
         eval_batch_size: crops in a validation or test batch.
         seed: of the training draws and their order.
         workers: processes that cut crops; 0 cuts them in the training process.
+        augment: change the light, the sensor and the side of training crops.
     """
 
     def __init__(
@@ -42,13 +43,14 @@ class CalibrationData(pl.LightningDataModule):
         eval_batch_size: int,
         seed: int,
         workers: int = 0,
+        augment: bool = False,
     ):
         super().__init__()
         self.source, self.distribution = source, distribution
         self.test_distribution = test_distribution or distribution
         self.size, self.crops_per_panorama = size, crops_per_panorama
         self.batch_size, self.eval_batch_size = batch_size, eval_batch_size
-        self.seed, self.workers = seed, workers
+        self.seed, self.workers, self.augment = seed, workers, augment
         self._splits: dict[str, Crops] = {}
 
     def setup(self, stage: str) -> None:
@@ -58,7 +60,8 @@ class CalibrationData(pl.LightningDataModule):
                 distribution = self.test_distribution if split == "test" else self.distribution
                 draws = {"train": self.seed, "val": VALIDATION, "test": TEST}[split]
                 panoramas = self.source.read(split)  # type: ignore[arg-type]
-                self._splits[split] = Crops(panoramas, distribution, self.size[1], self.size[0], draws)
+                augment = self.augment and split == "train"
+                self._splits[split] = Crops(panoramas, distribution, self.size[1], self.size[0], draws, augment=augment)
 
     def split(self, name: str) -> Crops:
         """The crops of ``train``, ``val`` or ``test``, once they were read by :meth:`setup`."""

@@ -67,6 +67,10 @@ def town_seed(seed: int, scene: int) -> int:
     return seed * 1000 + scene
 
 
+#: a town is built anew for each of its conditions (foliage and cars differ), which takes as long as six panoramas
+CONDITIONS_PER_TOWN = 2
+
+
 class TownPanoramasPlan(_TownPlan):
     """Upright panoramas on streets and pavements of many towns; see :class:`TownPanoramas`."""
 
@@ -95,7 +99,8 @@ class TownPanoramasPlan(_TownPlan):
             for k, scene in enumerate(scenes):
                 n = wanted * (k + 1) // len(scenes) - wanted * k // len(scenes)
                 rng = np.random.default_rng([self.config["seed"], 78, scene])
-                condition = np.sort(rng.permutation(n) % len(self.appearances))
+                own = (scene * CONDITIONS_PER_TOWN + np.arange(CONDITIONS_PER_TOWN)) % len(self.appearances)
+                condition = np.sort(own[rng.permutation(n) % CONDITIONS_PER_TOWN])
                 pose = street_poses(self.graph(scene), n, rng)
                 parts.append(Shots.of(
                     scene, condition, split, place + np.arange(n), pose,
