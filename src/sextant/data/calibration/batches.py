@@ -75,6 +75,7 @@ class Crops(Dataset[CropBatch]):
         seed: of the draws.
         antialias: average over the area of a pixel.
         augment: change the light, the sensor and the side; see :mod:`~sextant.data.calibration.augmentation`.
+        keep: remember every batch, for crops that are asked for again and again.
     """
 
     def __init__(
@@ -87,12 +88,21 @@ class Crops(Dataset[CropBatch]):
         *,
         antialias: bool = True,
         augment: bool = False,
+        keep: bool = False,
     ):
         self.panoramas, self.distribution, self.seed, self.augment = panoramas, distribution, seed, augment
+        self._kept: dict[bytes, CropBatch] | None = {} if keep else None
         self.width, self.height, self.antialias = width, height, antialias
 
     def __getitem__(self, numbers: list[int] | Tensor) -> CropBatch:
         chosen = np.asarray(numbers, np.int64)
+        if self._kept is None:
+            return self._cut(chosen)
+        if chosen.tobytes() not in self._kept:
+            self._kept[chosen.tobytes()] = self._cut(chosen)
+        return self._kept[chosen.tobytes()]
+
+    def _cut(self, chosen: Int64[ndarray, "b"]) -> CropBatch:
         which, draws = chosen % len(self.panoramas), chosen // len(self.panoramas)
         draw = self.distribution.draw_for(which, draws, self.seed)
         images = crop_batch(

@@ -61,7 +61,9 @@ class CalibrationData(pl.LightningDataModule):
                 draws = {"train": self.seed, "val": VALIDATION, "test": TEST}[split]
                 panoramas = self.source.read(split)  # type: ignore[arg-type]
                 augment = self.augment and split == "train"
-                self._splits[split] = Crops(panoramas, distribution, self.size[1], self.size[0], draws, augment=augment)
+                self._splits[split] = Crops(
+                    panoramas, distribution, self.size[1], self.size[0], draws, augment=augment, keep=split == "val"
+                )
 
     def split(self, name: str) -> Crops:
         """The crops of ``train``, ``val`` or ``test``, once they were read by :meth:`setup`."""
