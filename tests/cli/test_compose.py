@@ -16,7 +16,7 @@ def told(overrides, function=compose):
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("task=foo", "task=foo: no such option\nOptions: classification"),
+        ("task=foo", "task=foo: no such option\nOptions: calibration, classification"),
         ("dataset=mnits", "Did you mean dataset=mnist?"),
         ("datset=mnist", "Did you mean dataset=mnist?"),
         ("trainer.max_epoch=3", "Did you mean trainer.max_epochs=3?"),

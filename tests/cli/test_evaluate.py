@@ -138,5 +138,5 @@ def test_predict_classifies_a_folder_and_names_what_it_cannot_read(trained, tmp_
 
 def test_predict_without_images(trained, tmp_path):
     outputs, run = trained
-    with pytest.raises(UserError, match="no image there"):
+    with pytest.raises(UserError, match="no photo there"):
         predict.main([f"run={run.path}", f"input={tmp_path}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])

@@ -56,12 +56,17 @@ def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> t
     """The config of a checkpoint with ``overrides``, plain and typed.
 
     Raises:
-        UserError: an override is wrong, or the checkpoint names an import path that is not one of Sextant's: building
-            it would run code that the file chose. ``trust=true`` allows it.
+        UserError: an override is wrong, label and config are of two tasks, or the checkpoint names an import path that
+            is not one of Sextant's: building it would run code that the file chose. ``trust=true`` allows it.
     """
     trust = "trust=true" in overrides
     raw = merge(trained["config"], [override for override in overrides if override != "trust=true"])
     config = validate(raw)
+    if trained["task"] != config.task.name:
+        raise UserError(
+            f"this is a {trained['task']} model by its label and a {config.task.name} model by its config",
+            "The checkpoint was altered, or written by another version of Sextant.",
+        )
     if config.custom_targets() and not trust:
         raise UserError(
             f"the checkpoint wants to build {', '.join(config.custom_targets())}, which Sextant does not know",
