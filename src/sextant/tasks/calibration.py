@@ -1,6 +1,5 @@
 """Calibration of a camera from one image: tilt, roll, focal length and radial distortion (chapter 2)."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,7 +7,7 @@ import pytorch_lightning as pl
 import torch
 from jaxtyping import Float, Int64
 from numpy import ndarray
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 from torch.optim import Optimizer
 
@@ -21,10 +20,8 @@ from sextant.geometry import CameraParameters, Parameterization, ParameterSpace,
 from sextant.losses import CameraLoss
 from sextant.losses.bearing import bearing_grid
 from sextant.models import CalibrationNet
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
-
-OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
-Schedule = Callable[[float], float]
 
 
 @dataclass(frozen=True)
@@ -178,14 +175,7 @@ class Calibration(pl.LightningModule):
 
     def configure_optimizers(self) -> Any:
         """The optimiser, with the schedule stepped once an epoch."""
-        if self.optimizer_factory is None:
-            return None
-        optimizer = self.optimizer_factory(self.parameters())
-        if self.schedule is None:
-            return optimizer
-        schedule, epochs = self.schedule, self.trainer.max_epochs or 1
-        rates = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda epoch: schedule(epoch / epochs))
-        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "epoch"}}
+        return optimizers(self, self.optimizer_factory, self.schedule)
 
     # -- validation ----------------------------------------------------------------------------------------------------
 

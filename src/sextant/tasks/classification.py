@@ -1,6 +1,6 @@
 """Image classification, tested under corruptions that training never saw (chapter 7)."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,19 +11,17 @@ import torch.nn.functional as F
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
-from torch.optim import Optimizer
 
 from sextant.corruptions import Condition, CorruptionSuite
 from sextant.data.batches import Batch
 from sextant.data.source import ImageSpec
 from sextant.evaluation import classification_converged
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
-Schedule = Callable[[float], float]
 SHEET_IMAGES = 10
 
 
@@ -133,14 +131,7 @@ class Classification(pl.LightningModule):
 
     def configure_optimizers(self) -> Any:
         """The optimiser, with the schedule stepped once an epoch."""
-        if self.optimizer_factory is None:
-            return None
-        optimizer = self.optimizer_factory(self.parameters())
-        if self.schedule is None:
-            return optimizer
-        schedule, epochs = self.schedule, self.trainer.max_epochs or 1
-        rates = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda epoch: schedule(epoch / epochs))
-        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "epoch"}}
+        return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
         """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""

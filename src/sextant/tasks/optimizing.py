@@ -1,0 +1,25 @@
+"""What modules train with: an optimiser, and a schedule that is stepped once an epoch."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import pytorch_lightning as pl
+from torch import nn
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LambdaLR
+
+OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
+#: factor on the learning rate as a function of the share of epochs done
+Schedule = Callable[[float], float]
+
+
+def optimizers(module: pl.LightningModule, factory: OptimizerFactory | None, schedule: Schedule | None) -> Any:
+    """What ``configure_optimizers`` returns; None for a module that is only evaluated."""
+    if factory is None:
+        return None
+    optimizer = factory(module.parameters())
+    if schedule is None:
+        return optimizer
+    epochs = module.trainer.max_epochs or 1
+    rates = LambdaLR(optimizer, lambda epoch: schedule(epoch / epochs))
+    return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "epoch"}}
