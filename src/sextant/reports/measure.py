@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+
+from sextant.evaluation.calibration_summary import median_error
 
 Images = Float[ndarray, "images"]
 
@@ -35,7 +36,7 @@ class Measure:
         """The number of a run; nan counts as an infinite error."""
         if self.statistic == "mean":
             return float(images.mean())
-        return float(np.quantile(np.where(np.isnan(images), np.inf, images), 0.5, method="inverted_cdf"))
+        return median_error(images)
 
 
 ACCURACY = Measure(
