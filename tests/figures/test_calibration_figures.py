@@ -14,10 +14,10 @@ from sextant.evaluation.sparsification import sparsification
 from sextant.figures.calibration_coverage import coverage_curves
 from sextant.figures.calibration_error_by_parameter import binned_quartiles, error_by_parameter
 from sextant.figures.calibration_scatter import predicted_against_true
-from sextant.figures.calibration_sheet import calibration_sheet, horizon_curve
+from sextant.figures.calibration_sheet import calibration_sheet
 from sextant.figures.calibration_sparsification import sparsification_curves
 from sextant.figures.style import COLOURS, save_figure
-from sextant.geometry import CameraParameters, PerspectiveCamera, horizon_points, k2_of_k1, rho_from_tilt
+from sextant.geometry import CameraParameters
 
 N = 160
 G = np.random.default_rng(0)
@@ -186,26 +186,3 @@ def test_a_sheet_says_when_a_method_gave_nothing():
     figure = calibration_sheet(images, torch.ones(1), TRUTH.at(slice(1)), nothing)
     assert [line.split()[-1] for line in figure.axes[0].get_xlabel().splitlines()[1:]] == ["–"] * 4
     assert np.isnan(figure.axes[0].get_lines()[1].get_ydata()).all()
-
-
-@pytest.mark.parametrize("k1", [-0.4, -0.1, 0.0])
-def test_the_horizon_is_that_of_the_camera_and_passes_through_its_foot(k1):
-    tilt, roll, focal, bend = (torch.tensor([v], dtype=torch.float64) for v in (0.2, 0.3, 0.7, k1))
-    curve = horizon_curve(CameraParameters(tilt, roll, focal, bend))
-    k2 = k2_of_k1(bend)
-    camera = PerspectiveCamera(focal[0], bend[0], k2[0], 640, 480)
-    azimuths = torch.linspace(-math.pi / 2, math.pi / 2, len(curve), dtype=torch.float64)
-    pixels, visible = horizon_points(camera, tilt[0], roll[0], azimuths)
-    expected = ((pixels - torch.tensor([320.0, 240.0])) / 480).numpy()
-    np.testing.assert_allclose(curve[visible], expected[visible.numpy()], atol=1e-9)
-    assert np.isnan(curve[~visible]).all()
-    rho = rho_from_tilt(tilt, focal, bend, k2).item()
-    nearest = curve[np.nanargmin(np.linalg.norm(curve, axis=1))]
-    np.testing.assert_allclose(nearest, [rho * math.sin(0.3), rho * math.cos(0.3)], atol=2e-3)
-
-
-def test_a_lens_that_folds_inside_the_image_still_has_a_horizon():
-    folding = cameras((0.0, 0.0, 0.3, -0.5))
-    curve = horizon_curve(folding, "zero")
-    assert np.isnan(curve).any()
-    assert np.isfinite(curve[len(curve) // 2]).all()

@@ -11,7 +11,6 @@ from sextant.figures.calibration_overlay import (
     calibration_sheet,
     distortion_grid,
     gravity_arrows,
-    horizon_curve,
 )
 from sextant.figures.style import save_figure
 from sextant.geometry import perspective_bearings, rho_from_tilt, up_in_camera
@@ -31,7 +30,7 @@ def rays(p, points):
 @pytest.mark.parametrize("tilt", [-0.3, 0.0, 0.2])
 def test_rays_through_the_horizon_are_level(tilt):
     p = photo(tilt)
-    curve = horizon_curve(p)
+    curve = p.horizon()
     curve = curve[np.abs(curve).max(1) < 0.7]
     assert len(curve) > 100
     up = up_in_camera(torch.tensor(p.tilt), torch.tensor(p.roll)).double()
@@ -41,16 +40,16 @@ def test_rays_through_the_horizon_are_level(tilt):
 def test_the_horizon_passes_its_foot_below_the_centre_when_looking_up():
     p = photo(0.2, -0.15)
     rho = float(rho_from_tilt(torch.tensor(p.tilt), *p.lens()))
-    distance = np.hypot(*horizon_curve(p).T)
+    distance = np.hypot(*p.horizon().T)
     assert np.nanmin(distance) == pytest.approx(rho, rel=1e-5)
-    nearest = horizon_curve(p)[np.nanargmin(distance)]
+    nearest = p.horizon()[np.nanargmin(distance)]
     np.testing.assert_allclose(nearest, [rho * math.sin(p.roll), rho * math.cos(p.roll)], atol=1e-3)
     assert nearest[1] > 0
 
 
 def test_a_level_undistorted_camera_has_a_level_horizon_and_upright_arrows():
     p = photo(0.0, 0.0, k1=0.0)
-    curve = horizon_curve(p)
+    curve = p.horizon()
     assert np.nanmax(np.abs(curve[:, 1])) < 1e-12
     _, down = gravity_arrows(p)
     np.testing.assert_allclose(down, np.tile([0.0, 1.0], (len(down), 1)), atol=1e-4)

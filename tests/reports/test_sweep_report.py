@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from sextant.atomic_files import write_json
 from sextant.errors import UserError
 from sextant.reports.contrasts import contrasts
 from sextant.reports.measure import CALIBRATION_ERRORS
@@ -14,7 +15,6 @@ from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
 from sextant.reports.tables import TextTable, interval, number
-from sextant.runs.atomic import write_json
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.sweep_directory import Cell, SweepPlan
 

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from sextant.runs.atomic import read_json, write_atomically, write_json
+from sextant.atomic_files import read_json, write_atomically, write_json
 
 
 def test_a_write_that_fails_leaves_the_previous_file_and_no_other(tmp_path):

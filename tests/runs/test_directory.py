@@ -2,7 +2,7 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from sextant.runs.atomic import write_json
+from sextant.atomic_files import write_json
 from sextant.runs.directory import RunKey, all_runs, claim
 
 KEY = RunKey("classification", "abcdef0123456789", 3, "code1", "data1")

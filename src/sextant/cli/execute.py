@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 
+from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.console import console
 from sextant.cli.families import Source, family_of
 from sextant.cli.resolve import resolve_run
 from sextant.config import Config, digest, validate
 from sextant.errors import LossNotFiniteError, UserError
-from sextant.runs.atomic import write_atomically, write_json
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
 from sextant.runs.source_tree import source_sha256

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sextant.atomic_files import write_atomically
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
 from sextant.cli.output_folder import telling_write_errors
@@ -21,7 +22,6 @@ from sextant.cli.photo_calibration.options import CalibrationOptions, options_fr
 from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
-from sextant.runs.atomic import write_atomically
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = (

@@ -10,13 +10,13 @@ import pytorch_lightning as pl
 import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 
+from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.families import Source, family_of
 from sextant.cli.progress import TrainingProgress
 from sextant.cli.resolve import resolve_run
 from sextant.config import Config
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
-from sextant.runs.atomic import write_atomically, write_json
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, AtomicCheckpointIO, load_checkpoint
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.tracking.logger import RunLogger

@@ -17,12 +17,12 @@ from matplotlib.patches import Patch, Rectangle
 from numpy import ndarray
 from PIL import Image
 
+from sextant.figures.horizon import horizon_curve
 from sextant.figures.style import new_figure
 from sextant.geometry import (
     max_distorted_radius,
     perspective_bearings,
     perspective_project,
-    rotation_from_tilt_roll,
     undistort_radius,
     up_in_camera,
 )
@@ -32,6 +32,7 @@ LONGEST_SIDE = 1200
 SHEET_COLUMNS, SHEET_SIDE = 4, 420
 LINES_PER_HALF_HEIGHT, MOST_LINES = 4, 60
 ARROWS, ARROW_LENGTH = 6, 0.07  # along the height, and image heights
+FAR = 2.0  # image diagonals from the centre; what lies beyond would only be clipped
 STEP = 1e-4  # radians towards the nadir, for the direction of an arrow
 
 
@@ -70,6 +71,11 @@ class CalibratedPhoto:
         focal, k1, k2 = (torch.tensor(value, dtype=torch.float64) for value in (self.focal, self.k1, self.k2))
         return focal, k1, k2
 
+    def horizon(self) -> Float[ndarray, "n 2"]:
+        """Points of the horizon from left to right, in image heights from the centre; nan where it is not seen."""
+        tilt, roll = (torch.tensor(value, dtype=torch.float64) for value in (self.tilt, self.roll))
+        return horizon_curve(tilt, roll, *self.lens(), reach=FAR * math.hypot(self.aspect, 1))
+
 
 def calibration_overlay(photo: CalibratedPhoto) -> Figure:
     """One photo: horizon, arrows of gravity, the picture of a square grid, and the part that the network saw."""
@@ -102,13 +108,6 @@ def calibration_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
         _draw(cell, photo, SHEET_SIDE, 0.45)
         cell.set_title("\n".join(photo.caption), fontsize=7, loc="left")
     return figure
-
-
-def horizon_curve(photo: CalibratedPhoto) -> Float[ndarray, "n 2"]:
-    """Points of the horizon from left to right, in image heights from the centre; nan where it is not seen."""
-    azimuths = torch.linspace(-math.pi / 2, math.pi / 2, 4001, dtype=torch.float64)[1:-1]
-    level = torch.stack([torch.sin(azimuths), torch.zeros_like(azimuths), torch.cos(azimuths)], -1)
-    return _project(level @ _gravity_from_camera(photo), photo)
 
 
 def gravity_arrows(photo: CalibratedPhoto) -> tuple[Float[ndarray, "n 2"], Float[ndarray, "n 2"]]:
@@ -176,7 +175,7 @@ def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> bo
         edgecolor="#000000",
         linewidth=0.9 * weight,
     )
-    curve = horizon_curve(photo)
+    curve = photo.horizon()
     axes.plot(*curve.T, color=HORIZON, linewidth=2.5 * weight, path_effects=outline)
     if not _is_whole(photo.seen):
         left, top, width, height = photo.seen
@@ -192,13 +191,8 @@ def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> bo
 
 def _project(directions: torch.Tensor, photo: CalibratedPhoto) -> Float[ndarray, "n 2"]:
     points, seen = perspective_project(directions, *photo.lens())
-    near = torch.linalg.vector_norm(points, dim=-1) < 2 * math.hypot(photo.aspect, 1)  # the rest would only be clipped
+    near = torch.linalg.vector_norm(points, dim=-1) < FAR * math.hypot(photo.aspect, 1)
     return torch.where((seen & near)[:, None], points, torch.nan).numpy()
-
-
-def _gravity_from_camera(photo: CalibratedPhoto) -> torch.Tensor:
-    tilt, roll = (torch.tensor(value, dtype=torch.float64) for value in (photo.tilt, photo.roll))
-    return rotation_from_tilt_roll(tilt, roll)
 
 
 def _is_whole(seen: tuple[float, float, float, float]) -> bool:

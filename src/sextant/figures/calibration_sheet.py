@@ -8,18 +8,12 @@ from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
-from numpy import ndarray
 from torch import Tensor
 
 from sextant.figures.calibration_quantities import camera_quantities
+from sextant.figures.horizon import horizon_curve
 from sextant.figures.style import COLOURS, new_figure
-from sextant.geometry import (
-    CameraParameters,
-    K2Family,
-    k2_of_k1,
-    perspective_project,
-    rotation_from_tilt_roll,
-)
+from sextant.geometry import CameraParameters, K2Family, k2_of_k1
 
 COLUMNS = 4
 WIDTH, TEXT = 2.9, 0.95  # inches of a cell, and of the numbers beneath
@@ -39,7 +33,7 @@ def calibration_sheet(
     predicted: CameraParameters,
     *,
     method: str = "predicted",
-    k2_of_k1: K2Family = "lopez",
+    family: K2Family = "lopez",
 ) -> Figure:
     """Crops, four a row, drawn at their own aspect even if the pixels were squashed.
 
@@ -51,7 +45,7 @@ def calibration_sheet(
         truth: the true cameras.
         predicted: those of a method; nan where it gave none.
         method: what to call it.
-        k2_of_k1: the lens family.
+        family: how k2 follows from k1.
     """
     columns = min(COLUMNS, len(images))
     rows = -(-len(images) // columns)
@@ -64,7 +58,8 @@ def calibration_sheet(
         half = aspect[i].item() / 2
         cell.imshow(image.permute(1, 2, 0).cpu().numpy(), extent=(-half, half, 0.5, -0.5))
         for camera, style in zip((truth, predicted), STYLES, strict=True):
-            u, v = horizon_curve(camera.at(slice(i, i + 1)), k2_of_k1).T
+            tilt, roll, focal, k1 = camera.at(i).to(dtype=torch.float64)
+            u, v = horizon_curve(tilt, roll, focal, k1, k2_of_k1(k1, family), points=POINTS).T
             outline = [Stroke(linewidth=3.2, foreground="black"), Normal()]
             cell.plot(u, v, linewidth=1.8, path_effects=outline, **style)
         cell.set_anchor("N")
@@ -81,17 +76,3 @@ def calibration_sheet(
 
 def _said(form: str, value: float) -> str:
     return form.format(value) if math.isfinite(value) else "–"
-
-
-def horizon_curve(camera: CameraParameters, family: K2Family = "lopez") -> Float[ndarray, "p 2"]:
-    """Points of one camera's horizon in image heights from the centre, left to right; nan where it sees none.
-
-    Takes any camera, also one whose lens folds inside the image, which a camera object would refuse.
-    """
-    tilt, roll, focal, k1 = camera.to(dtype=torch.float64)
-    azimuths = torch.linspace(-math.pi / 2, math.pi / 2, POINTS, dtype=torch.float64)
-    level = torch.stack([torch.sin(azimuths), torch.zeros_like(azimuths), torch.cos(azimuths)], -1)
-    points, visible = perspective_project(
-        level @ rotation_from_tilt_roll(tilt, roll)[0], focal, k1, k2_of_k1(k1, family)
-    )
-    return torch.where(visible[:, None], points, torch.nan).detach().cpu().numpy()

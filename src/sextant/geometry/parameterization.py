@@ -53,7 +53,7 @@ class CameraParameters(NamedTuple):
         """The same values of another type or on another device."""
         return CameraParameters(*(value.to(dtype=dtype, device=device) for value in self))
 
-    def at(self, index: slice | Tensor) -> "CameraParameters":
+    def at(self, index: int | slice | Tensor) -> "CameraParameters":
         """Some of the cameras."""
         return CameraParameters(*(value[index] for value in self))
 

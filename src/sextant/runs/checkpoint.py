@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from pytorch_lightning.plugins.io import CheckpointIO
 
+from sextant.atomic_files import write_atomically
 from sextant.errors import UserError
-from sextant.runs.atomic import write_atomically
 
 SCHEMA_VERSION = 1
 KEY = "sextant"

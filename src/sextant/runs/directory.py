@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from sextant.runs.atomic import read_json, write_json
+from sextant.atomic_files import read_json, write_json
 
 Reuse = Literal["exact", "any_code"]
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from sextant.runs.atomic import write_atomically
+from sextant.atomic_files import write_atomically
 
 
 class History:

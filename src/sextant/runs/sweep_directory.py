@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
-from sextant.runs.atomic import read_json, write_json
 
 
 @dataclass(frozen=True)

@@ -215,7 +215,7 @@ def figures(module: Calibration, data: CalibrationData, report: CalibrationRepor
     yield (
         "crops",
         calibration_sheet(
-            crops.images, crops.aspect, crops.cameras, prediction.parameters.at(at), method="network", k2_of_k1=family
+            crops.images, crops.aspect, crops.cameras, prediction.parameters.at(at), method="network", family=family
         ),
     )
     yield "error_by_parameter", error_by_parameter(result.truth, report.errors)

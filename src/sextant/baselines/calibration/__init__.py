@@ -5,13 +5,14 @@ Every method has ``fit(cameras)``, which learns a prior from training labels alo
 """
 
 from sextant.baselines.calibration.combined import CombinedGeometry, detect_bent_segments
-from sextant.baselines.calibration.constant import ConstantCamera, PriorCamera, prior_of_cameras
+from sextant.baselines.calibration.constant import ConstantCamera, PriorCamera
 from sextant.baselines.calibration.edge_chains import detect_chains
 from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior, Determined, stack_cameras
 from sextant.baselines.calibration.line_segments import count_long, detect_segments
 from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import PlumbLine
 from sextant.baselines.calibration.refinement import refine
+from sextant.baselines.calibration.training_prior import prior_of_cameras
 from sextant.baselines.calibration.vanishing_points import VanishingPoints
 
 __all__ = [

@@ -6,16 +6,14 @@ lens model, with the plumb-line estimate and its uncertainty as what is believed
 """
 
 from dataclasses import replace
-from typing import Self
 
 import cv2
 import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.constant import prior_of_cameras
 from sextant.baselines.calibration.edge_chains import detect_chains
-from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior
+from sextant.baselines.calibration.estimate import CalibrationEstimate
 from sextant.baselines.calibration.lens import apparent_k2, distort_points, undistort_points
 from sextant.baselines.calibration.line_segments import (
     count_long,
@@ -30,7 +28,6 @@ from sextant.baselines.calibration.manhattan import BELIEFS
 from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import straightening_k1_hat
 from sextant.baselines.calibration.vanishing_points import find_frame
-from sextant.geometry import CameraParameters
 
 #: The straightened image is at most so many times as wide and high as the image.
 LARGEST_CANVAS = 1.7
@@ -45,14 +42,6 @@ class CombinedGeometry(CalibrationBaseline):
         prior: belief about the camera; ``fit`` replaces it.
         seed: of the vanishing points' hypotheses; the same image and seed give the same camera.
     """
-
-    def __init__(self, prior: CameraPrior | None = None, seed: int = 0):
-        self.prior_, self.seed = prior or CameraPrior(), seed
-
-    def fit(self, cameras: CameraParameters) -> Self:
-        """Learn how cameras of the training set are spread about a level one without distortion."""
-        self.prior_ = prior_of_cameras(cameras, level=True)
-        return self
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
         """The camera that took ``image``; what the image does not determine is the prior's."""

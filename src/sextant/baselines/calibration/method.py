@@ -6,16 +6,26 @@ from typing import Self
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.estimate import CalibrationEstimate, stack_cameras
+from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior, stack_cameras
+from sextant.baselines.calibration.training_prior import prior_of_cameras
 from sextant.geometry import CameraParameters
 
 
 class CalibrationBaseline(ABC):
-    """A method that calibrates single images without learning more than a prior from the training labels."""
+    """A method that calibrates single images without learning more than a prior from the training labels.
 
-    @abstractmethod
+    Args:
+        prior: belief about the camera; ``fit`` replaces it.
+        seed: of what is drawn; the same image and seed give the same camera.
+    """
+
+    def __init__(self, prior: CameraPrior | None = None, seed: int = 0):
+        self.prior_, self.seed = prior or CameraPrior(), seed
+
     def fit(self, cameras: CameraParameters) -> Self:
-        """Learn what may be learnt from the cameras of the training images, a batch."""
+        """Learn how the cameras of the training images, a batch, are spread about a level one without distortion."""
+        self.prior_ = prior_of_cameras(cameras, level=True)
+        return self
 
     @abstractmethod
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:

@@ -13,18 +13,14 @@ Source of the idea: D. C. Brown, "Close-range camera calibration", 1971; F. Deve
 to be straight", MVA 2001.
 """
 
-from typing import Self
-
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.constant import prior_of_cameras
 from sextant.baselines.calibration.edge_chains import detect_chains
 from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.method import CalibrationBaseline
-from sextant.geometry import CameraParameters
 
 #: Values of k1_hat that are tried.
 GRID = np.linspace(-1.8, 0.4, 56)
@@ -44,14 +40,6 @@ class PlumbLine(CalibrationBaseline):
     Args:
         prior: belief about the camera; ``fit`` replaces it.
     """
-
-    def __init__(self, prior: CameraPrior | None = None):
-        self.prior_ = prior or CameraPrior()
-
-    def fit(self, cameras: CameraParameters) -> Self:
-        """Learn how strong lenses bend and how long their focal lengths are."""
-        self.prior_ = prior_of_cameras(cameras, level=True)
-        return self
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
         """The camera that took ``image``: the prior, but for k1."""

@@ -10,13 +10,10 @@ Sources: J. Coughlan, A. Yuille, "Manhattan world", ICCV 1999; C. Rother, "A new
 in architectural environments", BMVC 2000 (angle from the midpoint); P. Torr, A. Zisserman, "MLESAC", 2000 (the score).
 """
 
-from typing import Self
-
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
 
-from sextant.baselines.calibration.constant import prior_of_cameras
 from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.line_segments import count_long, detect_segments, segment_lengths
@@ -30,7 +27,6 @@ from sextant.baselines.calibration.manhattan import (
     msac_cost,
 )
 from sextant.baselines.calibration.method import CalibrationBaseline
-from sextant.geometry import CameraParameters
 
 #: Number of hypotheses; of those that are refined; of segments, longest first, that hypotheses are scored on.
 HYPOTHESES, REFINED, SCORED = 500, 3, 120
@@ -47,14 +43,6 @@ class VanishingPoints(CalibrationBaseline):
         prior: belief about the camera; ``fit`` replaces it. The lens has its ``k1_hat``: 0 for a pinhole camera.
         seed: of the hypotheses; the same image and seed give the same camera.
     """
-
-    def __init__(self, prior: CameraPrior | None = None, seed: int = 0):
-        self.prior_, self.seed = prior or CameraPrior(), seed
-
-    def fit(self, cameras: CameraParameters) -> Self:
-        """Learn how long focal lengths are, and how far cameras stray from being level."""
-        self.prior_ = prior_of_cameras(cameras, level=True)
-        return self
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
         """The camera that took ``image``; what the segments do not determine is the prior's."""

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.finding import LEVELS
 from sextant.figures.calibration_overlay import CalibratedPhoto, calibration_sheet
 from sextant.figures.style import save_figure
-from sextant.runs.atomic import write_atomically, write_json
 
 COLUMNS = (
     "file", "verdict", "tilt_deg", "roll_deg", "focal_px", "vfov_deg", "true_vfov_deg", "true_hfov_deg", "k1", "k2",

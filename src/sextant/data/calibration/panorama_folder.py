@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from sextant.atomic_files import write_atomically
 from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split, telling_every
-from sextant.data.rendered.disk import telling_disk_errors, write_atomically
+from sextant.data.rendered.disk import telling_disk_errors
 from sextant.data.source import MissingDataError, file_sha256
 from sextant.errors import UserError
 

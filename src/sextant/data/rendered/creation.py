@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from sextant.data.rendered.disk import telling_disk_errors, write_atomically
+from sextant.atomic_files import write_atomically
+from sextant.data.rendered.disk import telling_disk_errors
 from sextant.data.rendered.journal import Journal
 from sextant.data.rendered.layout import StoreLayout, make_arrays
 from sextant.data.rendered.lock import Tell, store_lock

@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
 
 from numpy import ndarray
 
@@ -28,25 +27,6 @@ class DiskFullError(UserError):
             "What was rendered is kept. Free some space and give the same command again: it resumes. "
             "Another disk: paths.cache=/path",
         )
-
-
-def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Let ``write`` fill a temporary file, then rename it to ``path``: it is wholly there or not at all.
-
-    Raises:
-        OSError: the disk refused; a file that was at ``path`` before is unchanged.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
 
 
 def write_at(path: Path, offset: int, values: ndarray) -> str:

@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 from numpy import ndarray
 
-from sextant.data.rendered.disk import write_atomically
+from sextant.atomic_files import write_atomically
 
 
 @dataclass(frozen=True)

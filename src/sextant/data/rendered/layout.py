@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.lib import format as npy
 
-from sextant.data.rendered.disk import write_atomically
+from sextant.atomic_files import write_atomically
 from sextant.data.rendered.plan import ArraySpec
 from sextant.errors import UserError
 

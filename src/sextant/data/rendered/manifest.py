@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sextant.data.rendered.disk import write_atomically
+from sextant.atomic_files import write_atomically
 from sextant.data.rendered.journal import Grid
 from sextant.data.rendered.layout import DamagedStoreError, StoreLayout
 from sextant.data.rendered.plan import ArraySpec, RenderPlan, canonical_sha256, plan_digest
