@@ -78,6 +78,19 @@ def test_evaluation_repeats_the_test_of_training(trained):
     assert found == {key: value for key, value in expected.items() if key.startswith("test/")}
 
 
+def test_an_evaluation_may_leave_out_the_geometric_methods_but_not_change_the_network(trained):
+    outputs, run = trained
+    again = [f"run={run.path}", "tracking=none", f"paths.outputs={outputs}", f"paths.cache={outputs}/data"]
+    before = set(outputs.glob("runs/evaluation/*"))
+    evaluate.main([*again, "task.geometric_baselines=false"])
+    (directory,) = set(outputs.glob("runs/evaluation/*")) - before
+    methods = {row["method"] for row in json.loads((directory / "metrics.json").read_text())["table"]}
+    assert "network" in methods
+    assert "vanishing points" not in methods
+    with pytest.raises(UserError, match="belongs to the trained weights"):
+        evaluate.main([*again, "task.width=48"])
+
+
 def test_photos_of_any_kind_are_calibrated(trained, tmp_path):
     outputs, run = trained
     rng = np.random.default_rng(1)

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str]) -> None:
 
     content = load_checkpoint(found.checkpoint)
     raw, config = checkpoint_config(content[KEY], overrides)
-    family = family_of(config)
+    family = family_of(config.task.name)
     source = family.source(raw, config)
     family.require_fit(raw, content[KEY]["spec"], source)
     from sextant.cli.training import test_checkpoint
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str]) -> None:
         return test_checkpoint(raw, config, source, found.checkpoint, directory, key)
 
     outcome = run_once(key, raw, config, work)
-    show_result(RunDirectory(outcome.directory), reused=outcome.reused)
+    show_result(RunDirectory(outcome.directory), task=config.task.name, reused=outcome.reused)
 
 
 def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Config]:
@@ -98,13 +98,14 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
     except OverrideParseException:
         compose(overrides)  # names the one that cannot be parsed
         raise
+    settings = [f"task.{key}" for key in family_of(str(trained.get("task", {}).get("name"))).test_settings]
     for override, text in zip(parsed, overrides, strict=True):
         group = override.key_or_group.split(".")[0]
-        if group not in FREE:
+        if group not in FREE and override.key_or_group not in settings:
             known = nearest(group, FREE) if group not in trained and group not in groups() else None
             raise UserError(
                 f"{text}: " + ("unknown key" if known else "this belongs to the trained weights and cannot change"),
-                f"Did you mean {known}?" if known else f"What may change: {', '.join(FREE)}",
+                f"Did you mean {known}?" if known else f"What may change: {', '.join([*FREE, *settings])}",
             )
     if any(override.is_delete() or override.is_sweep_override() for override in parsed):
         raise UserError(f"{' '.join(overrides)}: give one value to each key", USAGE)

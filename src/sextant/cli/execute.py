@@ -74,7 +74,7 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
         KeyboardInterrupt: the run was interrupted and can be resumed.
     """
     config = validate(raw)
-    source = family_of(config).source(raw, config)
+    source = family_of(config.task.name).source(raw, config)
     key = run_key(config, source)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:

@@ -25,7 +25,7 @@ def show_start(raw: Mapping[str, Any], config: Config, directory: RunDirectory, 
     rows = {
         "task": config.task.name,
         "dataset": part_name(raw["dataset"]),
-        **family_of(config).summary(raw, config),
+        **family_of(config.task.name).summary(raw, config),
         "optimizer": f"{part_name(raw['optimizer'])}, {part_name(raw['schedule'])}",
         "training": f"{config.trainer.max_epochs} epochs of batches of {config.trainer.batch_size}, "
         f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
@@ -34,8 +34,8 @@ def show_start(raw: Mapping[str, Any], config: Config, directory: RunDirectory, 
     console.print(key_value_table("Sextant", rows))
 
 
-def show_result(directory: RunDirectory, *, reused: bool) -> None:
-    """Final metrics and the commands that come next."""
+def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
+    """Final metrics of a run of ``task``, and the commands that come next."""
     results = directory.results()
     if results is None:
         return
@@ -60,10 +60,11 @@ def show_result(directory: RunDirectory, *, reused: bool) -> None:
     console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")
     console.print(f"figures    {run}/figures")
     if timing["fit_s"]:
+        family = family_of(task)
         console.print(
-            f"evaluate   python evaluate.py run={run} corruption=gaussian\n"
+            f"evaluate   python evaluate.py run={run} {family.evaluation_example}\n"
             f"predict    python predict.py run={run} input=<folder> output=<folder>\n"
-            f"sweep      python train.py -m seed=0,1,2 inhibition=none,push_pull\n"
+            f"sweep      python train.py -m {family.sweep_example}\n"
             f"dashboard  make dashboard"
         )
 

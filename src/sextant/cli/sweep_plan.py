@@ -81,7 +81,7 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
 def _over_seeds(
     design: Design, setting: dict[str, str], arm: str, overrides: list[str], raw: Mapping[str, Any], config: Config
 ) -> list[Planned]:
-    source, outputs, planned = family_of(config).source(raw, config), Path(config.paths.outputs), []
+    source, outputs, planned = family_of(config.task.name).source(raw, config), Path(config.paths.outputs), []
     for pair, seed in enumerate(design.seeds):
         key = run_key(config, source, seed + design.arms[arm][1])
         found = claim(outputs, key, config.reuse)

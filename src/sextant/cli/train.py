@@ -64,7 +64,7 @@ def check_environment(raw: Mapping[str, Any], config: Config) -> None:
             f"paths.outputs={outputs} cannot be written to: {error.strerror}",
             "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
         ) from None
-    family = family_of(config)
+    family = family_of(config.task.name)
     family.check(family.source(raw, config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
@@ -84,7 +84,7 @@ def run_config(config: DictConfig) -> dict[str, Any] | None:
         return execute_cell(raw)
     with reporting_mistakes():
         outcome = execute(raw)
-        show_result(RunDirectory(outcome.directory), reused=outcome.reused)
+        show_result(RunDirectory(outcome.directory), task=raw["task"]["name"], reused=outcome.reused)
     return None
 
 

@@ -41,7 +41,7 @@ def train_and_test(
     require_device(config)
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
-    family = family_of(config)
+    family = family_of(config.task.name)
     data = family.data(raw, config, source)
     spec = family.spec(raw, config, source, data)
     module = family.module(raw, spec, training=True)
@@ -81,7 +81,7 @@ def test_checkpoint(
     torch.set_num_threads(config.trainer.threads)
     require_device(config)
     module = model_from_checkpoint(raw, config, checkpoint)
-    data = family_of(config).data(raw, config, source)
+    data = family_of(config.task.name).data(raw, config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
     metrics = dict(trainer.test(module, data, verbose=False)[0])
     results = {"outcome": "finished", "metrics": metrics}
@@ -98,7 +98,7 @@ def require_device(config: Config) -> None:
 def model_from_checkpoint(raw: Mapping[str, Any], config: Config, checkpoint: Path) -> Any:
     """The trained module in a checkpoint, built from ``raw``: its own config, perhaps with other test conditions."""
     content = load_checkpoint(checkpoint)
-    module = family_of(config).module(raw, content[KEY]["spec"], training=False)
+    module = family_of(config.task.name).module(raw, content[KEY]["spec"], training=False)
     _load_weights(module, content, checkpoint)
     return module.eval()
 
@@ -171,7 +171,7 @@ def _with_record(
     results: dict[str, Any], module: Any, data: pl.LightningDataModule, config: Config, directory: RunDirectory
 ) -> dict[str, Any]:
     """Write results by image and figures of the last test; ``results`` with what else it found."""
-    record = family_of(config).record(module, data, config)
+    record = family_of(config.task.name).record(module, data, config)
     write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
     for name, figure in record.figures:
         save_figure(figure, directory.figures, name)

@@ -171,6 +171,7 @@ class PanoramaMix(Part):
             _choose_part(TownPanoramas, PanoramaFolder),
         ],
     ] = Field(min_length=1)
+    repeats: dict[str, Annotated[int, Field(ge=1)]] = Field(default_factory=dict, examples=["{real: 2}"])
 
 
 class TownSeasons(Part):

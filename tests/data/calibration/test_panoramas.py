@@ -123,6 +123,27 @@ def test_a_mix_joins_splits(tmp_path):
         PanoramaMix({})
 
 
+def test_a_source_of_a_mix_can_be_shown_more_often_in_training(tmp_path):
+    def own(fill, **sizes):
+        folder = tmp_path / fill
+        folder.mkdir(exist_ok=True)
+        for i in range(4):
+            Image.new("RGB", (64, 32), (60 * i, 0, 0)).save(folder / f"{fill}{i}.png")
+        return partial(PanoramaFolder, folder=fill, height=32, fractions={"train": 2, "val": 1, "test": 1})
+
+    sources = {"a": own("a"), "b": own("b")}
+    once, thrice = PanoramaMix(sources, roots=[tmp_path]), PanoramaMix(sources, {"b": 3}, roots=[tmp_path])
+    train = thrice.read("train")
+    assert list(train.names) == [*once.read("train").names[:2], *3 * once.read("train").names[2:]]
+    assert np.array_equal(train[2], train[4])
+    assert np.array_equal(train[3], train[7])
+    assert train.level(2, 1) is train.level(6, 1)
+    assert len(thrice.read("test")) == len(once.read("test")) == 2
+    assert once.fingerprint() != thrice.fingerprint()
+    with pytest.raises(UserError, match=r"dataset.repeats.c=2: .* a, b"):
+        PanoramaMix(sources, {"c": 2}, roots=[tmp_path])
+
+
 @pytest.mark.parametrize(
     "dataset", [Digits(), TownSeasons(roots=[Path("/nowhere")]), object()], ids=["digits", "town_seasons", "object"]
 )

@@ -1,12 +1,11 @@
 """The families of method: what the life cycle of a run asks of each task."""
 
 from sextant.cli.families.family import Family, Source
-from sextant.config import Config
 
 
-def family_of(config: Config) -> Family:
-    """The family that ``config.task`` belongs to."""
-    if config.task.name == "calibration":
+def family_of(task: str) -> Family:
+    """The family of ``task.name``."""
+    if task == "calibration":
         from sextant.cli.families.calibration import CalibrationFamily
 
         return CalibrationFamily()

@@ -23,6 +23,10 @@ DRAWS, DRAW_SEED = 100_000, 999_983
 class CalibrationFamily(Family):
     """See :class:`~sextant.tasks.calibration.Calibration`."""
 
+    evaluation_example = "dataset=panorama_folder dataset.folder=<panoramas>"
+    sweep_example = "experiment=calibration_small seed=0,1,2 loss=bearing,l2_range"
+    test_settings = ("geometric_baselines",)
+
     def source(self, raw: Mapping[str, Any], config: Config) -> "PanoramaSource":
         """The dataset as a source of panoramas."""
         from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 class ClassificationFamily(Family):
     """See :class:`~sextant.tasks.classification.Classification`."""
 
+    evaluation_example = "corruption=gaussian"
+    sweep_example = "seed=0,1,2 inhibition=none,push_pull"
+
     def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
         source = build_dataset(raw, config)

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -45,7 +45,17 @@ class TestRecord:
 
 
 class Family(ABC):
-    """Builds and tests the parts of one task. Methods marked *light* import nothing heavy."""
+    """Builds and tests the parts of one task. Methods marked *light* import nothing heavy.
+
+    Attributes:
+        evaluation_example: arguments of ``evaluate.py`` that a user may want next.
+        sweep_example: arguments of ``train.py -m`` that a user may want next.
+        test_settings: keys of ``task`` that say how is tested, and may change after training.
+    """
+
+    evaluation_example: ClassVar[str]
+    sweep_example: ClassVar[str]
+    test_settings: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def source(self, raw: Mapping[str, Any], config: Config) -> Source:

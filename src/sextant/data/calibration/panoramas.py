@@ -37,7 +37,7 @@ class Panoramas:
     Args:
         images: upright panoramas ``(h, w, 3)`` of any sizes, or an array ``(n, h, w, 3)`` that may lie on disk.
         names: one for each.
-        rows: which images these are; None for all.
+        rows: which images these are, in order, one perhaps several times; None for all.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Panoramas:
 
     def level(self, i: int, level: int) -> UInt8[ndarray, "h w 4"]:
         """Panorama ``i`` halved ``level`` times, padded; worked out once and kept while :data:`KEPT_BYTES` last."""
-        return self._levels.get((i, level), lambda: padded(self._halved(i, level)))
+        return self._levels.get((int(self._rows[i]), level), lambda: padded(self._halved(i, level)))
 
     def level_on(self, i: int, level: int, device: "torch.device") -> "UInt8[Tensor, '3 h w']":
         """The same on a device, channels first; kept there as long."""
@@ -72,7 +72,7 @@ class Panoramas:
             planes = np.ascontiguousarray(self.level(i, level)[..., :3].transpose(2, 0, 1))
             return torch.from_numpy(planes).to(device)
 
-        return self._on_device.get((i, level, device), moved)
+        return self._on_device.get((int(self._rows[i]), level, device), moved)
 
     def _halved(self, i: int, level: int) -> ndarray:
         image = self[i]
@@ -176,12 +176,26 @@ class PanoramaMix:
     Args:
         sources: what is joined, by a name of each: datasets with panoramas, or functions of ``roots`` that make one
             (``_partial_: true`` in a config).
+        repeats: how often the training panoramas of a source are shown in an epoch; once where it is not named.
         roots: handed to these functions.
+
+    Raises:
+        UserError: there is no source, ``repeats`` names none, or a number of repeats is below 1.
     """
 
-    def __init__(self, sources: Mapping[str, Any], roots: Sequence[Path | str] = ()):
+    def __init__(
+        self, sources: Mapping[str, Any], repeats: Mapping[str, int] | None = None, roots: Sequence[Path | str] = ()
+    ):
         if not sources:
             raise UserError("dataset.sources is empty: a mix of panoramas needs at least one source")
+        repeats = dict(repeats or {})
+        for name, count in repeats.items():
+            if name not in sources or count < 1:
+                raise UserError(
+                    f"dataset.repeats.{name}={count}: it takes whole numbers above 0 for {', '.join(sources)}",
+                    f"dataset.repeats.{next(iter(sources))}=2",
+                )
+        self.repeats = [repeats.get(name, 1) for name in sources]
         made = [source(roots=roots) if isinstance(source, partial) else source for source in sources.values()]
         self.sources = [as_panorama_source(source) for source in made]
         self.name = "+".join(source.name for source in self.sources)
@@ -192,17 +206,23 @@ class PanoramaMix:
 
     def fingerprint(self) -> str:
         """Hash of those of all sources."""
-        prints = [source.fingerprint() for source in self.sources]
+        prints: list[Any] = [source.fingerprint() for source in self.sources]
+        if any(count > 1 for count in self.repeats):
+            prints.append(self.repeats)
         return hashlib.sha256(json.dumps(prints).encode()).hexdigest()
 
     def read(self, split: Split) -> Panoramas:
         """The panoramas of all sources, one after the other."""
-        parts = [source.read(split) for source in self.sources]
-        images = [part[i] for part in parts for i in range(len(part))]
-        names = [
-            f"{source.name}/{name}" for source, part in zip(self.sources, parts, strict=True) for name in part.names
-        ]
-        return Panoramas(images, names)
+        images: list[Any] = []
+        names: list[str] = []
+        rows: list[int] = []
+        for source, count in zip(self.sources, self.repeats, strict=True):
+            part = source.read(split)
+            again = count if split == "train" else 1
+            rows += again * list(range(len(images), len(images) + len(part)))
+            images += [part[i] for i in range(len(part))]
+            names += again * [f"{source.name}/{name}" for name in part.names]
+        return Panoramas(images, names, rows)
 
 
 def rendered_sources(source: PanoramaSource) -> list[TownPanoramaSource]:
