@@ -1,0 +1,49 @@
+"""What is predicted of a camera, how wrong it is, and where cameras are drawn from."""
+
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, Tag
+
+from sextant.config.schema.parts import CustomPart, Part, Positive, choose_part
+
+
+class Parameterization(Part):
+    """What a network predicts of a camera."""
+
+    target: Literal["sextant.geometry.Parameterization"] = Field(alias="_target_")
+    name: Literal["direct", "horizon", "undistorted_horizon"]
+    k2_of_k1: Literal["lopez", "zero"]
+
+
+class Sampling(Part):
+    """A distribution of cameras."""
+
+    model_config = ConfigDict(extra="allow")
+
+    target: str = Field(alias="_target_")
+    k2_of_k1: Literal["lopez", "zero"]
+
+
+class ParameterLoss(Part):
+    """Errors of the parameters."""
+
+    target: Literal["sextant.losses.ParameterLoss"] = Field(alias="_target_")
+    units: Literal["raw", "range", "natural"]
+    penalty: Literal["l2", "huber"]
+    delta: Positive = Field(examples=[0.1])
+
+
+class BearingLoss(Part):
+    """Errors of the rays."""
+
+    target: Literal["sextant.losses.BearingLoss"] = Field(alias="_target_")
+    mode: Literal["joint", "disentangled", "harmonic"]
+    grid: int = Field(ge=2, le=64, examples=[7])
+
+
+Loss = Annotated[
+    Annotated[ParameterLoss, Tag("sextant.losses.ParameterLoss")]
+    | Annotated[BearingLoss, Tag("sextant.losses.BearingLoss")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(ParameterLoss, BearingLoss),
+]

@@ -1,0 +1,42 @@
+"""Test conditions."""
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, Tag
+
+from sextant.config.schema.parts import CustomPart, NonNegative, Part, Positive, Seed, choose_part, distinct
+
+
+class GaussianNoise(Part):
+    """Additive Gaussian noise."""
+
+    target: Literal["sextant.corruptions.GaussianNoise"] = Field(alias="_target_")
+    levels: Annotated[list[NonNegative], AfterValidator(distinct)] = Field(min_length=1, examples=["[0.01,0.1]"])
+    clip: bool
+
+
+class ContrastPoisson(Part):
+    """Loss of contrast, then photon noise."""
+
+    target: Literal["sextant.corruptions.ContrastPoisson"] = Field(alias="_target_")
+    levels: Annotated[list[Annotated[float, Field(gt=0, le=1)]], AfterValidator(distinct)] = Field(
+        min_length=1, examples=["[0.5,0.2]"]
+    )
+    peak: Positive = Field(examples=[256.0])
+    clip: bool
+
+
+CorruptionPart = Annotated[
+    Annotated[GaussianNoise, Tag("sextant.corruptions.GaussianNoise")]
+    | Annotated[ContrastPoisson, Tag("sextant.corruptions.ContrastPoisson")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(GaussianNoise, ContrastPoisson),
+]
+
+
+class CorruptionSuite(Part):
+    """The test conditions."""
+
+    target: Literal["sextant.corruptions.CorruptionSuite"] = Field(alias="_target_")
+    corruptions: dict[str, CorruptionPart]
+    seed: Seed = Field(examples=[0])

@@ -1,0 +1,62 @@
+"""How training runs, where it is logged, and where files lie."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from sextant.config.schema.parts import Count, Node, Positive
+
+
+class Trainer(Node):
+    """How training runs."""
+
+    accelerator: Literal["cpu", "gpu"]
+    devices: int = Field(ge=1, le=1, examples=[1])
+    precision: Literal["32-true", "16-mixed", "bf16-mixed"]
+    deterministic: bool
+    threads: int = Field(ge=1, le=256, examples=[1])
+    max_epochs: Count = Field(examples=[12])
+    batch_size: Count = Field(examples=[128])
+    eval_batch_size: Count = Field(examples=[1000])
+    log_every: int = Field(ge=20, examples=[50])
+    workers: int = Field(ge=0, le=64, examples=[0])
+    progress: bool
+
+    @model_validator(mode="after")
+    def _half_precision_needs_a_gpu(self) -> Self:
+        if self.accelerator == "cpu" and self.precision == "16-mixed":
+            raise ValueError("trainer.precision=16-mixed needs trainer=gpu; on the CPU use 32-true or bf16-mixed")
+        return self
+
+
+class Tracking(Node):
+    """Where runs are logged."""
+
+    kind: Literal["sqlite", "server", "none"]
+    uri: str | None = Field(examples=["http://127.0.0.1:5000"])
+    experiment: str | None = Field(examples=["lenet"])
+    system_metrics: bool
+    system_metrics_every_s: Positive = Field(examples=[10])
+    log_checkpoint: bool
+    parent_run: str | None
+
+    @model_validator(mode="after")
+    def _server_needs_an_address(self) -> Self:
+        if self.kind == "server" and not (self.uri or "").startswith(("http://", "https://")):
+            raise ValueError(
+                f"tracking.uri={self.uri} must start with http:// or https://; "
+                "for example tracking=server tracking.uri=http://127.0.0.1:5000"
+            )
+        if self.kind == "sqlite" and self.uri is not None:
+            raise ValueError(
+                f"tracking.uri={self.uri} belongs to tracking=server; the sqlite store lies in paths.outputs"
+            )
+        return self
+
+
+class Paths(Node):
+    """Where things lie."""
+
+    data: str
+    outputs: str
+    cache: str

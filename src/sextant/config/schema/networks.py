@@ -1,0 +1,89 @@
+"""Networks, and inhibition put into them."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, Tag, model_validator
+
+from sextant.config.schema.parts import Count, CustomPart, NonNegative, Part, choose_part
+
+
+class LeNet(Part):
+    """LeNet A to D."""
+
+    target: Literal["sextant.models.LeNet"] = Field(alias="_target_")
+    variant: Literal["A", "B", "C", "D"]
+
+
+class StridedCNN(Part):
+    """A small convolutional network."""
+
+    target: Literal["sextant.models.StridedCNN"] = Field(alias="_target_")
+    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=2, examples=["[24,48,96]"])
+    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
+
+
+class OrientedCNN(Part):
+    """Convolutions on histograms of oriented gradients."""
+
+    target: Literal["sextant.models.OrientedCNN"] = Field(alias="_target_")
+    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=1, examples=["[48,96,128]"])
+    strides: list[Literal[1, 2]] = Field(min_length=1, examples=["[1,2,2]"])
+    orientations: int = Field(ge=2, le=64, examples=[10])
+    cell: int = Field(ge=1, le=32, examples=[4])
+    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
+
+    @model_validator(mode="after")
+    def _a_stride_a_width(self) -> Self:
+        if len(self.widths) != len(self.strides):
+            raise ValueError(f"backbone.strides={self.strides} must have one entry for each of {self.widths}")
+        return self
+
+
+class TorchvisionBackbone(Part):
+    """A torchvision network."""
+
+    target: Literal["sextant.models.torchvision_backbone"] = Field(alias="_target_")
+    name: str = Field(examples=["resnet18"])
+    weights: str | None = Field(examples=["imagenet"])
+
+
+class TimmBackbone(Part):
+    """A timm network."""
+
+    target: Literal["sextant.models.timm_backbone"] = Field(alias="_target_")
+    name: str = Field(examples=["mobilenetv3_small_100"])
+    pretrained: bool
+
+
+Backbone = Annotated[
+    Annotated[LeNet, Tag("sextant.models.LeNet")]
+    | Annotated[StridedCNN, Tag("sextant.models.StridedCNN")]
+    | Annotated[OrientedCNN, Tag("sextant.models.OrientedCNN")]
+    | Annotated[TorchvisionBackbone, Tag("sextant.models.torchvision_backbone")]
+    | Annotated[TimmBackbone, Tag("sextant.models.timm_backbone")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(LeNet, StridedCNN, OrientedCNN, TorchvisionBackbone, TimmBackbone),
+]
+
+
+class NoInhibition(Part):
+    """The network as it is."""
+
+    target: Literal["sextant.layers.NoInhibition"] = Field(alias="_target_")
+
+
+class PushPullInhibition(Part):
+    """Push-pull in place of the first convolution."""
+
+    target: Literal["sextant.layers.PushPullInhibition"] = Field(alias="_target_")
+    scale: float = Field(ge=1, le=8, examples=[2.0])
+    alpha: NonNegative = Field(examples=[1.0])
+    train_alpha: bool
+
+
+Inhibition = Annotated[
+    Annotated[NoInhibition, Tag("sextant.layers.NoInhibition")]
+    | Annotated[PushPullInhibition, Tag("sextant.layers.PushPullInhibition")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(NoInhibition, PushPullInhibition),
+]

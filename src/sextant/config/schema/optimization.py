@@ -1,0 +1,88 @@
+"""Optimisers and learning rate schedules."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, Tag, model_validator
+
+from sextant.config.schema.parts import CustomPart, NonNegative, Part, Positive, Share, choose_part
+
+
+class SGD(Part):
+    """Stochastic gradient descent."""
+
+    target: Literal["torch.optim.SGD"] = Field(alias="_target_")
+    partial: Literal[True] = Field(alias="_partial_")
+    lr: Positive = Field(examples=[0.1])
+    momentum: float = Field(ge=0, lt=1, examples=[0.9])
+    nesterov: bool
+    weight_decay: NonNegative = Field(examples=[0.0005])
+
+    @model_validator(mode="after")
+    def _nesterov_needs_momentum(self) -> Self:
+        if self.nesterov and self.momentum == 0:
+            raise ValueError("optimizer.nesterov=true needs optimizer.momentum above 0, for example 0.9")
+        return self
+
+
+class Adam(Part):
+    """Adam."""
+
+    target: Literal["torch.optim.Adam"] = Field(alias="_target_")
+    partial: Literal[True] = Field(alias="_partial_")
+    lr: Positive = Field(examples=[0.001])
+    betas: list[Annotated[float, Field(ge=0, lt=1)]] = Field(min_length=2, max_length=2, examples=["[0.9,0.999]"])
+    weight_decay: NonNegative = Field(examples=[0.0])
+
+
+class AdamW(Part):
+    """AdamW."""
+
+    target: Literal["torch.optim.AdamW"] = Field(alias="_target_")
+    partial: Literal[True] = Field(alias="_partial_")
+    lr: Positive = Field(examples=[0.001])
+    betas: list[Annotated[float, Field(ge=0, lt=1)]] = Field(min_length=2, max_length=2, examples=["[0.9,0.999]"])
+    weight_decay: NonNegative = Field(examples=[0.01])
+
+
+Optimizer = Annotated[
+    Annotated[SGD, Tag("torch.optim.SGD")]
+    | Annotated[Adam, Tag("torch.optim.Adam")]
+    | Annotated[AdamW, Tag("torch.optim.AdamW")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(SGD, Adam, AdamW),
+]
+
+
+class ConstantRate(Part):
+    """The learning rate as it is."""
+
+    target: Literal["sextant.tasks.schedules.ConstantRate"] = Field(alias="_target_")
+
+
+class StepDecay(Part):
+    """The learning rate in steps."""
+
+    target: Literal["sextant.tasks.schedules.StepDecay"] = Field(alias="_target_")
+    at: list[Share] = Field(examples=["[0.5,0.75]"])
+    factor: Share = Field(examples=[0.1])
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        if sorted(set(self.at)) != self.at:
+            raise ValueError(f"schedule.at must ascend, got {self.at}")
+        return self
+
+
+class CosineDecay(Part):
+    """The learning rate along half a cosine."""
+
+    target: Literal["sextant.tasks.schedules.CosineDecay"] = Field(alias="_target_")
+
+
+Schedule = Annotated[
+    Annotated[ConstantRate, Tag("sextant.tasks.schedules.ConstantRate")]
+    | Annotated[StepDecay, Tag("sextant.tasks.schedules.StepDecay")]
+    | Annotated[CosineDecay, Tag("sextant.tasks.schedules.CosineDecay")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(ConstantRate, StepDecay, CosineDecay),
+]

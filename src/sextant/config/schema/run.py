@@ -1,0 +1,58 @@
+"""A whole run: all groups together, and the rules that join them."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from sextant.config.schema.cameras import Loss, Parameterization, Sampling
+from sextant.config.schema.corruptions import CorruptionSuite
+from sextant.config.schema.datasets import Dataset
+from sextant.config.schema.environment import Paths, Tracking, Trainer
+from sextant.config.schema.networks import Backbone, Inhibition
+from sextant.config.schema.optimization import Optimizer, Schedule
+from sextant.config.schema.parts import CustomPart, Node, Part, Seed
+from sextant.config.schema.sweeps import Sweep
+from sextant.config.schema.tasks import Task
+
+
+class Config(Node):
+    """A whole run."""
+
+    dataset: Dataset
+    corruption: CorruptionSuite
+    backbone: Backbone
+    inhibition: Inhibition
+    optimizer: Optimizer
+    schedule: Schedule
+    trainer: Trainer
+    tracking: Tracking
+    paths: Paths
+    task: Task
+    parameterization: Parameterization | None = None
+    loss: Loss | None = None
+    sampling: Sampling | None = None
+    test_sampling: Sampling | None = None
+    seed: Seed = Field(examples=[0])
+    init_from: str | None
+    reuse: Literal["exact", "any_code"]
+    sweep: Sweep | None = None
+
+    @model_validator(mode="after")
+    def _groups_belong_to_the_task(self) -> Self:
+        needed = ("parameterization", "loss", "sampling")
+        if self.task.name == "calibration":
+            for name in needed:
+                if getattr(self, name) is None:
+                    raise ValueError(f"{name} is missing: task=calibration needs one")
+        else:
+            for name in (*needed, "test_sampling"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"{name} belongs to task=calibration; leave it out, or choose that task")
+        return self
+
+    def custom_targets(self) -> list[str]:
+        """Import paths in the config that Sextant has no schema for."""
+        parts: list[Part] = [self.dataset, self.backbone, self.inhibition, self.optimizer, self.schedule]
+        parts += self.corruption.corruptions.values()
+        parts += [part for part in (self.loss,) if part is not None]
+        return [part.target for part in parts if isinstance(part, CustomPart)]

@@ -1,0 +1,29 @@
+"""Numbers and files by split, and what rendered pictures have in common."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from sextant.config.schema.parts import Count, Node
+
+
+class BySplit(Node):
+    """A number for each split."""
+
+    train: Count = Field(examples=[400])
+    val: Count = Field(examples=[60])
+    test: Count = Field(examples=[100])
+
+
+class FileBySplit(Node):
+    """A file for each split, or none."""
+
+    train: str | None = Field(examples=["kitti/poses/00.txt"])
+    val: str | None = Field(examples=["kitti/poses/06.txt"])
+    test: str | None = Field(examples=["kitti/poses/05.txt"])
+
+
+ImageSide = Annotated[int, Field(ge=16, le=4096)]
+Samples = Literal[1, 4, 9, 16]
+BlockSide = Annotated[float, Field(ge=60, le=400)]
+Conditions = Annotated[list[str | dict[str, Any]], Field(min_length=1, examples=["[summer_noon,winter_dusk]"])]

@@ -1,0 +1,61 @@
+"""Ablations."""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from sextant.config.schema.parts import (
+    Node,
+    Seed,
+    distinct,
+)
+
+
+def _first_seeds(value: Any) -> Any:
+    """A number n of seeds stands for 0 to n - 1."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        if value < 1:
+            raise ValueError(f"a number of seeds must be at least 1, got {value}")
+        return list(range(value))
+    return value
+
+
+Seeds = Annotated[list[Seed], Field(min_length=1), AfterValidator(distinct), BeforeValidator(_first_seeds)]
+
+
+class Arm(Node):
+    """One of the things that a sweep compares."""
+
+    overrides: list[str]
+    seed_offset: int = Field(default=0, ge=0)
+
+
+class Contrast(Node):
+    """Treatment against control, at the same seeds unless an arm shifts them."""
+
+    treatment: str
+    control: str
+
+
+class Sweep(Node):
+    """A named ablation: factors x arms x seeds. The digest leaves it out: it plans runs and changes none."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", examples=["my_sweep"])
+    question: str = ""
+    factors: dict[str, Annotated[list[str | int | float | bool], Field(min_length=1)]] = Field(default_factory=dict)
+    arms: dict[str, Arm] = Field(default_factory=dict)
+    seeds: Seeds = Field(default=[0], examples=[8])
+    contrasts: dict[str, Contrast] = Field(default_factory=dict)
+    noise_floor: str | None = None
+    published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
+    interval: Literal["t", "bootstrap"] = "t"
+
+    @model_validator(mode="after")
+    def _contrasts_name_arms(self) -> Self:
+        for name, contrast in self.contrasts.items():
+            for arm in (contrast.treatment, contrast.control):
+                if arm not in self.arms:
+                    raise ValueError(f"sweep.contrasts.{name} names the arm {arm!r}; arms are {', '.join(self.arms)}")
+        if self.noise_floor is not None and self.noise_floor not in self.contrasts:
+            raise ValueError(f"sweep.noise_floor={self.noise_floor} must be one of {', '.join(self.contrasts)}")
+        return self

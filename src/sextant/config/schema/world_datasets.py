@@ -1,0 +1,71 @@
+"""Rendered worlds."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive, Seed
+from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples
+
+
+class TownSeasons(Part):
+    """The same streets under several conditions."""
+
+    target: Literal["sextant.data.worlds.TownSeasons"] = Field(alias="_target_")
+    frames: BySplit
+    step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
+    lateral_sigma_m: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.3])
+    heading_sigma_deg: Annotated[float, Field(ge=0, le=20)] = Field(examples=[2.0])
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[64])
+    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
+    samples: Samples = Field(examples=[4])
+    conditions: Conditions
+    block_m: BlockSide = Field(examples=[90.0])
+    trajectories: FileBySplit
+    seed: Seed = Field(examples=[0])
+
+
+class TownCity(Part):
+    """A city seen from everywhere."""
+
+    target: Literal["sextant.data.worlds.TownCity"] = Field(alias="_target_")
+    images: Count = Field(examples=[172000])
+    headings: Annotated[int, Field(ge=1, le=72)] = Field(examples=[8])
+    size_m: Annotated[float, Field(ge=300, le=10000)] = Field(examples=[2950.0])
+    block_m: BlockSide = Field(examples=[92.0])
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[64])
+    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
+    samples: Samples = Field(examples=[1])
+    conditions: Conditions
+    query_frames: Annotated[int, Field(ge=0)] = Field(examples=[1000])
+    query_step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[2.0])
+    seed: Seed = Field(examples=[0])
+
+
+class Laser(Node):
+    """A laser scanner."""
+
+    beams: Annotated[int, Field(ge=1, le=10000)] = Field(examples=[180])
+    field_of_view_rad: Annotated[float, Field(gt=0, le=6.2832)] = Field(examples=[3.1415])
+    max_range_m: Positive = Field(examples=[15.0])
+    range_sigma_m: NonNegative = Field(examples=[0.02])
+    dropout: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.01])
+
+
+class OfficeWalk(Part):
+    """A robot in an office."""
+
+    target: Literal["sextant.data.worlds.OfficeWalk"] = Field(alias="_target_")
+    size_m: list[Annotated[float, Field(ge=9, le=200)]] = Field(min_length=2, max_length=2, examples=["[46.0,16.0]"])
+    metres: list[Annotated[float, Field(gt=2, le=10000)]] = Field(min_length=2, examples=["[160.0,80.0]"])
+    trajectories: list[str] = Field(examples=["[cold/map.json,cold/seq1_night1.json]"])
+    every: Count = Field(examples=[2])
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[64])
+    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[60.0])
+    samples: Samples = Field(examples=[4])
+    conditions: Conditions
+    laser: Laser
+    seed: Seed = Field(examples=[0])
