@@ -92,6 +92,8 @@ def test_every_parameterization_goes_with_every_loss_and_every_sampling(paramete
 def test_groups_of_calibration_do_nothing_elsewhere():
     with pytest.raises(UserError, match="loss belongs to task=calibration"):
         validate(to_plain(compose(["task=classification", "loss=l2_range"])))
+    with pytest.raises(UserError, match="augmentation belongs to task=classification"):
+        validate(to_plain(compose(["task=calibration", "augmentation=standard"])))
 
 
 def test_a_test_distribution_of_its_own():

@@ -56,11 +56,21 @@ class EpochBatches(Sampler[Tensor]):
         seed: of the shuffling; None keeps the order.
         rank, ranks: this process among those that share the epoch; each takes every ``ranks``-th batch, and the last
             batches that would not go round are left out.
+        numbered: give ``index + epoch * count`` instead of the index, for images that differ from epoch to epoch.
     """
 
-    def __init__(self, count: int, batch_size: int, seed: int | None = None, rank: int = 0, ranks: int = 1):
+    def __init__(
+        self,
+        count: int,
+        batch_size: int,
+        seed: int | None = None,
+        rank: int = 0,
+        ranks: int = 1,
+        *,
+        numbered: bool = False,
+    ):
         self.count, self.batch_size, self.seed = count, batch_size, seed
-        self.rank, self.ranks = rank, ranks
+        self.rank, self.ranks, self.numbered = rank, ranks, numbered
         self.epoch = 0
 
     def set_epoch(self, epoch: int) -> None:
@@ -76,5 +86,7 @@ class EpochBatches(Sampler[Tensor]):
         if self.seed is not None:
             generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.epoch)
             order = torch.randperm(self.count, generator=generator)
+        if self.numbered:
+            order = order + self.epoch * self.count
         batches = order.split(self.batch_size)
         return iter(batches[self.rank :: self.ranks][: len(self)])

@@ -2,8 +2,9 @@
 
 import pytorch_lightning as pl
 import torch
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
+from sextant.data.augmentation import Augmentation, AugmentedBatches, NoAugmentation
 from sextant.data.batches import Batch, EpochBatches, ImageBatches
 from sextant.data.source import ImageSource, LabelledImages
 from sextant.data.split import stratified_split
@@ -19,7 +20,8 @@ class ImageData(pl.LightningDataModule):
         eval_batch_size: images in a validation or test batch.
         validation_fraction: share of the training split that is held out for validation.
         split_seed: of that choice, apart from the run's seed: every run of a sweep has the same three splits.
-        seed: of the order of the training images.
+        seed: of the order of the training images, and of their augmentation.
+        augmentation: changes training images; None leaves them as they are.
         workers: processes that fetch batches; 0 fetches in the training process, the fastest for images in memory.
     """
 
@@ -32,6 +34,7 @@ class ImageData(pl.LightningDataModule):
         validation_fraction: float,
         split_seed: int,
         seed: int,
+        augmentation: Augmentation | None = None,
         workers: int = 0,
     ):
         super().__init__()
@@ -39,6 +42,7 @@ class ImageData(pl.LightningDataModule):
         self.batch_size, self.eval_batch_size = batch_size, eval_batch_size
         self.validation_fraction, self.split_seed = validation_fraction, split_seed
         self.seed, self.workers = seed, workers
+        self.augmentation = augmentation or NoAugmentation()
         self._splits: dict[str, ImageBatches] = {}
 
     def setup(self, stage: str) -> None:
@@ -62,10 +66,11 @@ class ImageData(pl.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Shuffled batches, the order a function of (seed, epoch)."""
-        images, trainer = self._splits["train"], self.trainer
+        images, trainer = AugmentedBatches(self._splits["train"], self.augmentation, self.seed), self.trainer
+        rank = (0, 1) if trainer is None else (trainer.global_rank, trainer.world_size)
+        batches = EpochBatches(len(images), self.batch_size, self.seed, *rank, numbered=True)
         if trainer is None:
-            return self._loader(images, EpochBatches(len(images), self.batch_size, self.seed))
-        batches = EpochBatches(len(images), self.batch_size, self.seed, trainer.global_rank, trainer.world_size)
+            return self._loader(images, batches)
         # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
         batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
         return self._loader(images, batches)
@@ -80,7 +85,7 @@ class ImageData(pl.LightningDataModule):
         images = self._splits["test"]
         return self._loader(images, EpochBatches(len(images), self.eval_batch_size))
 
-    def _loader(self, images: ImageBatches, batches: EpochBatches) -> DataLoader[Batch]:
+    def _loader(self, images: Dataset[Batch], batches: EpochBatches) -> DataLoader[Batch]:
         return DataLoader(
             images,
             sampler=batches,

@@ -44,6 +44,7 @@ class ClassificationFamily(Family):
         return {
             "backbone": part_name(raw["backbone"]),
             "inhibition": part_name(raw["inhibition"]),
+            "augmentation": part_name(raw.get("augmentation") or {"_target_": "none"}),
             "test": ", ".join(["clean", *raw["corruption"]["corruptions"]]),
         }
 
@@ -59,6 +60,7 @@ class ClassificationFamily(Family):
             validation_fraction=config.task.validation_fraction,
             split_seed=config.task.split_seed,
             seed=config.seed,
+            augmentation=None if raw.get("augmentation") is None else build(raw, "augmentation"),
             workers=config.trainer.workers,
         )
 

@@ -22,7 +22,7 @@ from jaxtyping import Float, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.data.calibration.counters import uniforms
+from sextant.data.counters import uniforms
 
 if TYPE_CHECKING:
     from sextant.data.calibration.batches import CropBatch

@@ -19,8 +19,8 @@ from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.data.calibration.counters import uniforms
 from sextant.data.calibration.variates import Mixture, chosen
+from sextant.data.counters import uniforms
 from sextant.errors import UserError
 from sextant.geometry import (
     CameraParameters,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sextant.data.calibration.counters import philox, uniforms
+from sextant.data.counters import philox, uniforms
 
 # kat_vectors of the Random123 distribution, philox4x32 with 10 rounds: counter, key, answer
 ANSWERS = [

@@ -1,0 +1,43 @@
+"""What changes training images."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, Tag
+
+from sextant.config.schema.parts import CustomPart, Part, Positive, choose_part
+
+
+class NoAugmentation(Part):
+    """Training images as they are."""
+
+    target: Literal["sextant.data.augmentation.NoAugmentation"] = Field(alias="_target_")
+
+
+class PadCropFlip(Part):
+    """Shifts and mirror images."""
+
+    target: Literal["sextant.data.augmentation.PadCropFlip"] = Field(alias="_target_")
+    pad: int = Field(ge=0, le=64, examples=[4])
+    mode: Literal["reflect", "replicate", "constant"]
+    flip: bool
+
+
+class AugMix(Part):
+    """AugMix."""
+
+    target: Literal["sextant.data.augmentation.AugMix"] = Field(alias="_target_")
+    severity: int = Field(ge=1, le=10, examples=[3])
+    width: int = Field(ge=1, le=16, examples=[3])
+    depth: int = Field(ge=-1, le=16, examples=[-1])
+    alpha: Positive = Field(examples=[1.0])
+    pad: int = Field(ge=0, le=64, examples=[4])
+    flip: bool
+
+
+Augmentation = Annotated[
+    Annotated[NoAugmentation, Tag("sextant.data.augmentation.NoAugmentation")]
+    | Annotated[PadCropFlip, Tag("sextant.data.augmentation.PadCropFlip")]
+    | Annotated[AugMix, Tag("sextant.data.augmentation.AugMix")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(NoAugmentation, PadCropFlip, AugMix),
+]

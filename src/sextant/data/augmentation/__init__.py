@@ -1,0 +1,8 @@
+"""Training images changed in ways that keep their class; what an image gets is a function of (seed, epoch, index)."""
+
+from sextant.data.augmentation.augmentation import Augmentation, NoAugmentation
+from sextant.data.augmentation.augmented_batches import AugmentedBatches
+from sextant.data.augmentation.augmix import AugMix
+from sextant.data.augmentation.pad_crop_flip import PadCropFlip
+
+__all__ = ["AugMix", "Augmentation", "AugmentedBatches", "NoAugmentation", "PadCropFlip"]
