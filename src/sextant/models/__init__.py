@@ -1,20 +1,35 @@
 """Networks. Each backbone is built from ``in_channels``, ``image_size`` and ``num_classes``, the outputs it gives."""
 
+from sextant.models.alexnet_cifar import AlexNetCifar
 from sextant.models.calibration_net import CalibrationNet, CalibrationOutput, coordinate_channels
+from sextant.models.cost import LayerCost, NetworkCost, network_cost
+from sextant.models.densenet_cifar import DenseNetCifar
 from sextant.models.lenet import LeNet
 from sextant.models.oriented_cnn import OrientedCNN, OrientedGradients
+from sextant.models.published_checkpoint import PublishedCheckpoint, load_published
+from sextant.models.resnet_cifar import ResNetCifar
+from sextant.models.standardize import Standardize
 from sextant.models.strided_cnn import StridedCNN
 from sextant.models.timm_backbone import timm_backbone
 from sextant.models.torchvision_backbone import torchvision_backbone
 
 __all__ = [
+    "AlexNetCifar",
     "CalibrationNet",
     "CalibrationOutput",
+    "DenseNetCifar",
+    "LayerCost",
     "LeNet",
+    "NetworkCost",
     "OrientedCNN",
     "OrientedGradients",
+    "PublishedCheckpoint",
+    "ResNetCifar",
+    "Standardize",
     "StridedCNN",
     "coordinate_channels",
+    "load_published",
+    "network_cost",
     "timm_backbone",
     "torchvision_backbone",
 ]

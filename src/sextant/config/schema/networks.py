@@ -14,6 +14,41 @@ class LeNet(Part):
     variant: Literal["A", "B", "C", "D"]
 
 
+class ResNetCifar(Part):
+    """ResNet for CIFAR."""
+
+    target: Literal["sextant.models.ResNetCifar"] = Field(alias="_target_")
+    depth: int = Field(ge=8, le=1202, examples=[20])
+
+    @model_validator(mode="after")
+    def _whole_stages(self) -> Self:
+        if (self.depth - 2) % 6:
+            raise ValueError(f"backbone.depth={self.depth} must be 6 n + 2, for example 20, 32, 44 or 56")
+        return self
+
+
+class DenseNetCifar(Part):
+    """DenseNet-BC for CIFAR."""
+
+    target: Literal["sextant.models.DenseNetCifar"] = Field(alias="_target_")
+    depth: int = Field(ge=10, le=1000, examples=[40])
+    growth: Count = Field(examples=[12])
+
+    @model_validator(mode="after")
+    def _whole_blocks(self) -> Self:
+        if (self.depth - 4) % 6:
+            raise ValueError(f"backbone.depth={self.depth} must be 6 n + 4, for example 40 or 100")
+        return self
+
+
+class AlexNetCifar(Part):
+    """AlexNet for CIFAR."""
+
+    target: Literal["sextant.models.AlexNetCifar"] = Field(alias="_target_")
+    hidden: Count = Field(examples=[4096])
+    dropout: float = Field(ge=0, lt=1, examples=[0.5])
+
+
 class StridedCNN(Part):
     """A small convolutional network."""
 
@@ -57,12 +92,24 @@ class TimmBackbone(Part):
 
 Backbone = Annotated[
     Annotated[LeNet, Tag("sextant.models.LeNet")]
+    | Annotated[ResNetCifar, Tag("sextant.models.ResNetCifar")]
+    | Annotated[DenseNetCifar, Tag("sextant.models.DenseNetCifar")]
+    | Annotated[AlexNetCifar, Tag("sextant.models.AlexNetCifar")]
     | Annotated[StridedCNN, Tag("sextant.models.StridedCNN")]
     | Annotated[OrientedCNN, Tag("sextant.models.OrientedCNN")]
     | Annotated[TorchvisionBackbone, Tag("sextant.models.torchvision_backbone")]
     | Annotated[TimmBackbone, Tag("sextant.models.timm_backbone")]
     | Annotated[CustomPart, Tag("custom")],
-    choose_part(LeNet, StridedCNN, OrientedCNN, TorchvisionBackbone, TimmBackbone),
+    choose_part(
+        LeNet,
+        ResNetCifar,
+        DenseNetCifar,
+        AlexNetCifar,
+        StridedCNN,
+        OrientedCNN,
+        TorchvisionBackbone,
+        TimmBackbone,
+    ),
 ]
 
 

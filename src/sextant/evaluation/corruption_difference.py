@@ -1,0 +1,66 @@
+"""Two arms of an experiment under many corruptions, paired over seeds: differences, wins, a test over corruptions."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from sextant.evaluation.paired import PairedDifference, paired_difference
+
+
+@dataclass(frozen=True)
+class CorruptionDifferences:
+    """Treatment minus control in error, by corruption: below zero is better; in the unit of the input.
+
+    Attributes:
+        mean: the difference of the means over the corruptions.
+        by_corruption: in the order of the treatment's errors.
+        wins, losses: corruptions on which the treatment's mean error is lower, or higher.
+        certain_wins, certain_losses: those whose interval over seeds lies wholly below, or above, zero; not corrected
+            for their number.
+        p_value: Wilcoxon signed-rank over corruptions, two-sided. Corruptions of a family are alike, so this overstates
+            the evidence: the interval of ``mean`` over seeds is the one to quote.
+    """
+
+    mean: PairedDifference
+    by_corruption: Mapping[str, PairedDifference]
+    wins: int
+    losses: int
+    certain_wins: int
+    certain_losses: int
+    p_value: float
+
+
+def corruption_differences(
+    treatment: Mapping[str, Float[ndarray, "seeds"]],
+    control: Mapping[str, Float[ndarray, "seeds"]],
+    *,
+    confidence: float = 0.95,
+) -> CorruptionDifferences:
+    """Compare the errors of two arms, each one number a seed and corruption.
+
+    With a single seed there are wins, but no intervals: they are nan.
+
+    Raises:
+        ValueError: the arms have other corruptions or numbers of seeds, or none.
+    """
+    if not treatment or set(treatment) != set(control):
+        odd = sorted(set(treatment) ^ set(control))
+        raise ValueError(f"both arms need the same corruptions, at least one; only one arm has {', '.join(odd)}")
+    pairs = {name: (np.asarray(errors, float), np.asarray(control[name], float)) for name, errors in treatment.items()}
+    by_corruption = {name: paired_difference(*pair, confidence=confidence) for name, pair in pairs.items()}
+    if len({difference.seeds for difference in by_corruption.values()}) > 1:
+        raise ValueError("all corruptions need the same number of seeds")
+    own, other = (np.mean([pair[arm] for pair in pairs.values()], axis=0) for arm in (0, 1))
+    means = np.array([difference.mean for difference in by_corruption.values()])
+    return CorruptionDifferences(
+        mean=paired_difference(own, other, confidence=confidence),
+        by_corruption=by_corruption,
+        wins=int((means < 0).sum()),
+        losses=int((means > 0).sum()),
+        certain_wins=sum(difference.high < 0 for difference in by_corruption.values()),
+        certain_losses=sum(difference.low > 0 for difference in by_corruption.values()),
+        p_value=paired_difference(means, np.zeros_like(means)).p_value,
+    )

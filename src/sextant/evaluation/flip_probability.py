@@ -1,0 +1,66 @@
+r"""How often a prediction changes while an image changes a little.
+
+On m sequences of n frames, with :math:`f(x_j^{(i)})` the class predicted for frame j of sequence i,
+
+.. math:: FP = \frac{1}{m (n-1)} \sum_{i=1}^m \sum_{j=2}^n [f(x_j^{(i)}) \ne f(x_{j-1}^{(i)})].
+
+Noise sequences do not evolve, each frame has noise of its own: there every frame is compared with the first.
+
+Source: D. Hendrycks, T. Dietterich, "Benchmarking neural network robustness to common corruptions and perturbations",
+ICLR 2019, section 4.2.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Integer
+from numpy import ndarray
+
+#: the ten perturbations of CIFAR-10-P and ImageNet-P that are averaged
+BENCHMARK_PERTURBATIONS = (
+    "gaussian_noise",
+    "shot_noise",
+    "motion_blur",
+    "zoom_blur",
+    "snow",
+    "brightness",
+    "translate",
+    "rotate",
+    "tilt",
+    "scale",
+)
+#: the four that its authors kept for validation
+EXTRA_PERTURBATIONS = ("speckle_noise", "gaussian_blur", "spatter", "shear")
+
+
+def is_noise(perturbation: str) -> bool:
+    """Whether frames of this perturbation are compared with the first one."""
+    return perturbation.endswith("noise")
+
+
+def flip_probability(predictions: Integer[ndarray, "sequences frames"], *, against_first: bool, step: int = 1) -> float:
+    """Share of frames whose predicted class differs from the previous frame's, or from the first one's.
+
+    Args:
+        predictions: predicted class by sequence and frame.
+        against_first: compare with the first frame, as noise perturbations demand (:func:`is_noise`).
+        step: compare frames so far apart, each phase on its own (the benchmark's harder variants); noise keeps 1.
+
+    Raises:
+        ValueError: there is no sequence, a sequence has no two frames ``step`` apart, or ``step`` is not positive.
+    """
+    count, frames = predictions.shape
+    if step < 1 or count == 0 or frames <= step:
+        raise ValueError(f"need sequences of more than {step} frames, a step of at least 1; got {predictions.shape}")
+    if against_first:
+        return float(np.mean(predictions[:, 1:] != predictions[:, :1]))
+    return float(np.mean(predictions[:, step:] != predictions[:, :-step]))
+
+
+def mean_flip_probability(
+    by_perturbation: Mapping[str, float], perturbations: Sequence[str] = BENCHMARK_PERTURBATIONS
+) -> float:
+    """Mean over ``perturbations``; ``ValueError`` names the missing ones."""
+    if missing := [name for name in perturbations if name not in by_perturbation]:
+        raise ValueError(f"no flip probability is known for {', '.join(missing)}")
+    return float(np.mean([by_perturbation[name] for name in perturbations]))
