@@ -87,8 +87,11 @@ def test_an_evaluation_may_leave_out_the_geometric_methods_but_not_change_the_ne
     methods = {row["method"] for row in json.loads((directory / "metrics.json").read_text())["table"]}
     assert "network" in methods
     assert "vanishing points" not in methods
-    with pytest.raises(UserError, match="belongs to the trained weights"):
-        evaluate.main([*again, "task.width=48"])
+    evaluate.main([*again, "task.geometric_baselines=false", "sampling@test_sampling=uniform"])
+    assert len(set(outputs.glob("runs/evaluation/*")) - before) == 2
+    for wrong in ("task.width=48", "sampling=uniform"):
+        with pytest.raises(UserError, match="belongs to the trained weights"):
+            evaluate.main([*again, wrong])
 
 
 def test_photos_of_any_kind_are_calibrated(trained, tmp_path):

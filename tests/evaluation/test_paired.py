@@ -85,6 +85,8 @@ def test_swapping_the_arms_turns_the_sign(seed, pairs, method):
     swapped = paired_difference(control, treatment, method=method)
     assert (swapped.mean, swapped.low, swapped.high) == pytest.approx((-result.mean, -result.high, -result.low))
     assert (swapped.p_value, swapped.wins) == (result.p_value, pairs - result.wins)
+    lower = paired_difference(treatment, control, method=method, better="lower")
+    assert (lower.mean, lower.wins) == (result.mean, swapped.wins)
 
 
 @given(st.integers(0, 999), st.integers(2, 8), st.integers(2, 30))

@@ -1,43 +1,21 @@
 """Push-pull against its equation written out anew in numpy, and against the convolution that it becomes at h = 1."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
 from hypothesis import given
 from hypothesis import strategies as st
+from layers.convolution_cases import NUMPY_BORDER, convolutions
 from torch import nn
 
-from sextant.layers import PushPullConv2d, pull_kernel_size, push_pull, upsample_kernel
+from sextant.layers import PushPullConv2d, pull_kernel_size, push_pull, strength_path, upsample_kernel
 
-NUMPY_BORDER = {"zeros": "constant", "reflect": "reflect", "replicate": "edge", "circular": "wrap"}
 scales = st.floats(1.0, 2.5)
 alphas = st.floats(0.0, 3.0)
-
-
-@st.composite
-def convolutions(draw):
-    """A convolution of any geometry, and images for it."""
-    torch.manual_seed(draw(st.integers(0, 99)))
-    groups = draw(st.integers(1, 2))
-    stride = draw(st.tuples(st.integers(1, 3), st.integers(1, 3)))
-    paddings = st.tuples(st.integers(0, 2), st.integers(0, 2)) | st.sampled_from(["same", "valid"])
-    if stride != (1, 1):
-        paddings = paddings.filter(lambda padding: padding != "same")
-    conv = nn.Conv2d(
-        groups * draw(st.integers(1, 2)),
-        groups * draw(st.integers(1, 2)),
-        draw(st.tuples(st.sampled_from([1, 3, 5]), st.sampled_from([1, 3, 5]))),
-        stride,
-        draw(paddings),
-        draw(st.tuples(st.integers(1, 2), st.integers(1, 2))),
-        groups,
-        draw(st.booleans()),
-        draw(st.sampled_from(list(NUMPY_BORDER))),
-        dtype=torch.float64,
-    )
-    height, width = draw(st.tuples(st.integers(13, 16), st.integers(13, 16)))
-    return conv, torch.randn(2, conv.in_channels, height, width, dtype=torch.float64)
+IMPLEMENTATIONS = ["direct", "rows", "factorised"]
 
 
 def stretched(kernels, scale):
@@ -96,11 +74,11 @@ def test_stretching_is_bilinear_with_aligned_corners(seed, sides, scale):
     np.testing.assert_allclose(upsample_kernel(torch.from_numpy(kernels), scale), stretched(kernels, scale), atol=1e-12)
 
 
-@given(convolutions(), st.floats(1.7, 2.5), alphas)
-def test_the_response_is_the_papers_equation(case, scale, alpha):
+@given(convolutions(), st.floats(1.7, 2.5), alphas, st.sampled_from(IMPLEMENTATIONS))
+def test_the_response_is_the_papers_equation(case, scale, alpha, impl):
     conv, images = case
     strengths = torch.linspace(0.5, 1.5, conv.out_channels, dtype=torch.float64) * alpha
-    layer = PushPullConv2d.from_conv(conv, scale=scale, train_alpha=True)
+    layer = PushPullConv2d.from_conv(conv, scale=scale, train_alpha=True, impl=impl)
     nn.init.zeros_(layer.alpha).data += strengths
     torch.testing.assert_close(layer(images), direct_response(conv, images, scale, strengths), rtol=0, atol=1e-11)
 
@@ -143,20 +121,145 @@ def test_the_output_has_the_size_of_the_convolutions(case, scale):
     assert PushPullConv2d.from_conv(conv, scale=scale)(images).shape == conv(images).shape
 
 
-def test_same_padding_of_an_even_kernel_is_refused_because_no_even_border_keeps_the_size():
-    with pytest.raises(ValueError, match="same"):
-        PushPullConv2d(1, 1, 4, padding="same", scale=1.0)
+@pytest.mark.parametrize("padding_mode", list(NUMPY_BORDER))
+@pytest.mark.parametrize(("kernel", "dilation"), [(4, 1), ((2, 4), (1, 3)), ((4, 3), 1)])
+def test_same_padding_of_an_even_kernel_puts_the_odd_pixel_where_the_convolution_does(kernel, dilation, padding_mode):
+    conv = nn.Conv2d(2, 3, kernel, padding="same", dilation=dilation, padding_mode=padding_mode)
+    images = torch.randn(2, 2, 11, 12)
+    assert torch.equal(PushPullConv2d.from_conv(conv, scale=1.0)(images), conv(images))
 
 
+@given(convolutions(), st.floats(1.0, 2.5), st.sampled_from(["rows", "factorised"]))
+def test_factorised_and_direct_pulls_differ_by_rounding_alone(case, scale, impl):
+    conv, images = case
+    for dtype, most in ((torch.float64, 1e-12), (torch.float32, 1e-5)):
+        direct, other = (
+            PushPullConv2d.from_conv(conv.to(dtype), scale=scale, impl=choice)(images.to(dtype))
+            for choice in ("direct", impl)
+        )
+        assert other.shape == direct.shape
+        assert (other - direct).abs().max() <= most * max(1.0, direct.abs().max())
+
+
+@pytest.mark.parametrize("impl", ["rows", "factorised"])
+def test_factorised_pulls_have_the_gradients_of_the_direct_one(impl):
+    torch.manual_seed(0)
+    conv = nn.Conv2d(4, 6, (3, 5), (2, 1), (1, 3), groups=2, padding_mode="reflect", dtype=torch.float64)
+    images = torch.randn(2, 4, 12, 9, dtype=torch.float64)
+    gradients = [
+        response_and_gradients(PushPullConv2d.from_conv(conv, impl=choice), images) for choice in ("direct", impl)
+    ]
+    for direct, other in zip(*gradients, strict=True):
+        torch.testing.assert_close(other, direct, rtol=0, atol=1e-11)
+
+
+def test_the_implementation_taken_is_the_one_the_layer_tells():
+    layer = PushPullConv2d(3, 16, 3, padding=1)
+    images = torch.randn(2, 3, 32, 32)
+    automatic = layer(images)
+    layer.impl = layer.implementation(32, 32)
+    assert torch.equal(layer(images), automatic)
+
+
+@pytest.mark.parametrize("impl", IMPLEMENTATIONS)
+@pytest.mark.parametrize("alpha", [0.0, 0.7, [0.1, 0.2, 0.3]])
+def test_responses_without_gradients_are_the_same_to_the_last_bit(impl, alpha):
+    layer = PushPullConv2d(2, 3, 3, padding=1, alpha=alpha, impl=impl)
+    images = torch.randn(2, 2, 9, 9)
+    kept = images.clone()
+    with torch.no_grad():
+        without = layer(images)
+    assert torch.equal(without, layer(images))
+    assert torch.equal(images, kept)
+
+
+def test_an_unknown_implementation_is_refused():
+    with pytest.raises(ValueError, match="direct, rows or factorised"):
+        push_pull(torch.zeros(1, 1, 9, 9), torch.zeros(1, 1, 3, 3), impl="quick")
+    with pytest.raises(ValueError, match="impl must be"):
+        PushPullConv2d(1, 1, 3, impl="quick")
+
+
+@pytest.mark.parametrize("impl", IMPLEMENTATIONS)
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_gradients_are_those_of_finite_differences(scale):
+def test_one_image_without_a_batch_is_as_in_a_batch(scale, impl):
+    layer = PushPullConv2d(2, 3, 3, padding=1, padding_mode="reflect", scale=scale, impl=impl)
+    images = torch.randn(1, 2, 9, 9)
+    torch.testing.assert_close(layer(images[0]), layer(images)[0])
+
+
+def test_strengths_can_be_fixed_one_a_channel_outside_the_state_dict():
+    conv = nn.Conv2d(2, 3, 3, dtype=torch.float64)
+    layer = PushPullConv2d.from_conv(conv, alpha=[0.0, 0.5, 2.0])
+    assert layer.state_dict().keys() == conv.state_dict().keys()
+    images = torch.randn(2, 2, 9, 9, dtype=torch.float64)
+    for channel, alpha in enumerate([0.0, 0.5, 2.0]):
+        alone = PushPullConv2d.from_conv(conv, alpha=alpha)(images)
+        torch.testing.assert_close(layer(images)[:, channel], alone[:, channel])
+
+
+@pytest.mark.parametrize("before", [1.0, [1.0, 2.0, 3.0]])
+@pytest.mark.parametrize("after", [0.5, [0.5, 0.0, 1.5]])
+def test_setting_the_strength_of_a_layer_is_making_it_with_that_strength(before, after):
+    layer = PushPullConv2d(2, 3, 3, alpha=before, scale=1.0)
+    layer.set_strength(after, scale=2.0)
+    made = PushPullConv2d.from_conv(layer, alpha=after, scale=2.0)
+    images = torch.randn(2, 2, 9, 9)
+    assert torch.equal(layer(images), made(images))
+
+
+def test_a_trained_strength_is_set_in_place_and_stays_trained():
+    layer = PushPullConv2d(2, 3, 3, scale=1.0, train_alpha=True)
+    parameter = layer.alpha
+    layer.set_strength(1.0)
+    assert layer.alpha is parameter
+    images = torch.randn(2, 2, 9, 9)
+    assert torch.equal(layer(images), F.conv2d(images, layer.weight, layer.bias))
+
+
+@pytest.mark.parametrize("options", [{"alpha": -1.0}, {"alpha": [1.0, 2.0]}, {"scale": 0.5}, {"alpha": float("nan")}])
+def test_a_strength_that_cannot_be_is_refused(options):
+    with pytest.raises(ValueError, match="must be"):
+        PushPullConv2d(2, 3, 3).set_strength(**options)
+
+
+@pytest.mark.parametrize(("alpha", "scale"), [(0.0, 2.0), (0.5, 1.5), (1.0, 2.0), (3.0, 3.0)])
+def test_the_path_to_inhibition_starts_at_the_convolution_and_has_no_jump(alpha, scale):
+    torch.manual_seed(0)
+    layer, images = PushPullConv2d(2, 3, 3, padding=1), torch.randn(2, 2, 9, 9)
+
+    def response(progress):
+        layer.set_strength(*strength_path(progress, alpha=alpha, scale=scale))
+        return layer(images)
+
+    conv = F.conv2d(images, layer.weight, layer.bias, padding=1)
+    assert torch.equal(response(0.0), conv)
+    assert torch.equal(response(1.0), PushPullConv2d.from_conv(layer, alpha=alpha, scale=scale)(images))
+    steps = [response(progress) for progress in torch.linspace(0, 1, 21).tolist()]
+    pull = F.relu(conv) - PushPullConv2d.from_conv(layer, alpha=1.0, scale=scale)(images)
+    fastest = 0.1 * max(conv.abs().max(), alpha * pull.max())
+    assert all((after - before).abs().max() <= 1.001 * fastest for before, after in pairwise(steps))
+
+
+@pytest.mark.parametrize("impl", IMPLEMENTATIONS)
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_gradients_are_those_of_finite_differences(scale, impl):
     torch.manual_seed(0)  # no response lies so near the kink of a ReLU that a difference would cross it
     shapes = [(2, 4, 6, 7), (4, 2, 3, 3), (4,), (4,)]
     inputs = [torch.randn(shape, dtype=torch.float64, requires_grad=True) for shape in shapes]
 
     def response(images, weight, bias, alpha):
         return push_pull(
-            images, weight, bias, scale=scale, alpha=alpha, stride=(2, 1), padding=(1, 2), dilation=(1, 2), groups=2
+            images,
+            weight,
+            bias,
+            scale=scale,
+            alpha=alpha,
+            stride=(2, 1),
+            padding=(1, 2),
+            dilation=(1, 2),
+            groups=2,
+            impl=impl,
         )
 
     assert torch.autograd.gradcheck(response, inputs)

@@ -3,7 +3,20 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from sextant.layers import NoInhibition, PushPullConv2d, PushPullInhibition, first_conv
+from sextant.errors import UserError
+from sextant.layers import (
+    NoInhibition,
+    PushPullAvgConv2d,
+    PushPullAvgInhibition,
+    PushPullConv2d,
+    PushPullInhibition,
+    Rule,
+    convert,
+    first_conv,
+    inhibit,
+    inhibited,
+)
+from sextant.layers.surgery import exactly
 from sextant.models import LeNet
 
 
@@ -79,3 +92,169 @@ def test_training_with_inhibition_starts_from_the_same_weights_and_ends_elsewher
     inhibited_start, inhibited = trained(PushPullInhibition())
     assert same(inhibited_start, start)
     assert not same(inhibited, plain)
+
+
+def blocks():
+    """Convolutions of several kernels, and one that is used twice."""
+    shared = nn.Conv2d(4, 4, 3, padding=1)
+    return nn.ModuleDict(
+        {
+            "stem": nn.Conv2d(3, 4, 4, 4),
+            "layer1": nn.Sequential(nn.Conv2d(4, 4, 3, padding=1), nn.ReLU(), nn.Conv2d(4, 4, 1)),
+            "layer2": nn.Sequential(shared, nn.ReLU(), shared),
+            "layer10": nn.Conv2d(4, 4, (3, 5)),
+        }
+    )
+
+
+def relu(module):
+    return nn.ReLU()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "changed"),
+    [
+        ("stem", ["stem"]),
+        ("layer1.0", ["layer1.0"]),
+        ("layer1.*", ["layer1.0", "layer1.2"]),
+        ("layer?.*", ["layer1.0", "layer1.2", "layer2.0", "layer2.2"]),
+        ("layer[2-9].0", ["layer2.0", "layer2.2"]),
+        ("layer1*", ["layer1.0", "layer1.2", "layer10"]),
+        ("*", ["stem", "layer1.0", "layer1.2", "layer2.0", "layer2.2", "layer10"]),
+    ],
+)
+def test_a_pattern_changes_the_convolutions_that_match_and_no_others(pattern, changed):
+    network = blocks()
+    before = dict(network.named_modules(remove_duplicate=False))
+    conversion = convert(network, [Rule(pattern, relu)])
+    after = dict(network.named_modules(remove_duplicate=False))
+    assert list(conversion.changed) == changed
+    assert conversion.skipped == {}
+    assert after.keys() == before.keys()
+    assert [path for path in before if after[path] is not before[path]] == changed
+
+
+def test_a_module_used_twice_is_replaced_by_one_module_wherever_it_is():
+    network = blocks()
+    conversion = convert(network, [Rule("layer2.2", PushPullConv2d.from_conv)])
+    assert conversion.changed == ("layer2.0", "layer2.2")
+    assert network["layer2"][0] is network["layer2"][2]
+    assert isinstance(network["layer2"][0], PushPullConv2d)
+
+
+def test_the_first_rule_that_matches_holds():
+    network = blocks()
+    convert(network, [Rule("layer1.0", nn.Sequential), Rule("layer1.*", relu), Rule("*.0", relu, kind=nn.ReLU)][:2])
+    assert isinstance(network["layer1"][0], nn.Sequential)
+    assert isinstance(network["layer1"][2], nn.ReLU)
+
+
+def test_what_lies_in_a_replaced_module_is_left_alone():
+    network = blocks()
+    layer1 = network["layer1"]
+    inside = list(layer1)
+    rules = [Rule("layer1.0", relu), Rule("layer1", lambda old: nn.Sequential(old, nn.ReLU()), kind=nn.Sequential)]
+    assert convert(network, rules).changed == ("layer1",)
+    assert list(layer1) == inside
+    assert network["layer1"][0] is layer1
+
+
+def test_a_pattern_that_matches_nothing_is_told_with_paths_that_would():
+    network = blocks()
+    before = list(network.modules())
+    with pytest.raises(UserError, match=r"'layer3\.\*' matches no Conv2d of ModuleDict\n.*stem, layer1\.0, layer1\.2"):
+        convert(network, [Rule("stem", relu), Rule("layer3.*", relu)])
+    assert list(network.modules()) == before
+
+
+def test_a_network_without_such_modules_is_told():
+    with pytest.raises(UserError, match="matches no Conv2d of Sequential\nIt has no Conv2d"):
+        convert(nn.Sequential(nn.ReLU()), [Rule("*", relu)])
+
+
+def test_what_is_objected_to_stays_and_the_reason_is_told():
+    def large(module):
+        return None if module.kernel_size[0] > 1 else "too small"
+
+    network = blocks()
+    conversion = convert(network, [Rule("layer1.*", relu, objection=large)])
+    assert conversion.changed == ("layer1.0",)
+    assert conversion.skipped == {"layer1.2": "too small"}
+    with pytest.raises(UserError, match=r"can be replaced \(layer1\.2: too small\)\n.*stem, layer2\.0"):
+        convert(network, [Rule("layer1.*", relu, objection=large)])
+
+
+@pytest.mark.parametrize("path", ["a.b", "a[0]", "*", "a?b"])
+def test_an_exact_pattern_matches_its_path_alone(path):
+    rule = Rule(exactly(path), relu)
+    conv = nn.Conv2d(1, 1, 1)
+    assert rule.matches(conv, [path])
+    assert not any(rule.matches(conv, [other]) for other in ("axb", "a0", "a.b.c", "x") if other != path)
+
+
+@pytest.mark.parametrize(
+    ("where", "scale", "changed"),
+    [
+        ("all", 2.0, ["layer1.0", "layer2.0", "layer10"]),
+        ("all", 1.0, ["stem", "layer1.0", "layer2.0", "layer10"]),
+        ("layer1.*", 2.0, ["layer1.0"]),
+        ("layer2.0", 1.5, ["layer2.0"]),
+    ],
+)
+def test_inhibition_goes_where_it_is_told_but_not_into_1x1_or_even_kernels(where, scale, changed):
+    network = blocks()
+    weights = {name: tensor.clone() for name, tensor in network.state_dict().items()}
+    assert PushPullInhibition(scale=scale, where=where)(network) is network
+    assert inhibited(network) == changed
+    assert same(network.state_dict(), weights)
+
+
+@pytest.mark.parametrize(("where", "reason"), [("layer1.2", "no pattern in space"), ("stem", "odd kernel sides")])
+def test_a_pattern_of_convolutions_that_cannot_be_inhibited_is_told_why(where, reason):
+    with pytest.raises(UserError, match=reason):
+        PushPullInhibition(where=where)(blocks())
+
+
+def test_a_first_convolution_that_cannot_be_inhibited_is_told_why():
+    with pytest.raises(ValueError, match="odd kernel sides"):
+        PushPullInhibition()(blocks())
+
+
+def test_the_layer_of_2024_takes_even_kernels_and_keeps_the_weights():
+    network = blocks()
+    stem = network["stem"]
+    PushPullAvgInhibition(average=5, alpha=0.5)(network)
+    assert inhibited(network) == ["stem"]
+    assert network["stem"].weight is stem.weight
+    assert (network["stem"].average, network["stem"].alpha) == (5, 0.5)
+    PushPullAvgInhibition(where="layer2.*", train_alpha=True)(network)
+    assert isinstance(network["layer2"][2], PushPullAvgConv2d)
+    assert network["layer2"][2].alpha.shape == (4,)
+
+
+class Standardized(nn.Conv2d):
+    """A convolution that does something to its weights first."""
+
+
+@pytest.mark.parametrize(
+    "conv",
+    [
+        Standardized(1, 2, 3),
+        nn.utils.parametrizations.weight_norm(nn.Conv2d(1, 2, 3)),
+        PushPullConv2d(1, 2, 3),
+    ],
+)
+def test_convolutions_that_compute_more_are_not_silently_made_plain(conv):
+    network = nn.Sequential(conv, nn.Conv2d(2, 2, 3))
+    conversion = inhibit(network, "all", PushPullConv2d.from_conv)
+    assert conversion.changed == ("1",)
+    assert "would be lost" in conversion.skipped["0"]
+    with pytest.raises(ValueError, match="would be lost"):
+        PushPullInhibition()(nn.Sequential(conv))
+
+
+def test_an_identity_start_does_not_change_a_trained_networks_outputs():
+    network = LeNet("A", 1, (28, 28), 10).eval()
+    images = torch.rand(2, 1, 28, 28)
+    before = network(images)
+    assert torch.equal(PushPullInhibition(scale=1.0, alpha=1.0, where="all")(network)(images), before)

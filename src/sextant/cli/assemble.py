@@ -65,6 +65,13 @@ def part_name(node: Mapping[str, Any]) -> str:
     return f"{name}({settings})"
 
 
+def conditions_name(node: Mapping[str, Any]) -> str:
+    """The test conditions that a config node describes, in short."""
+    if "corruptions" in node:
+        return ", ".join(["clean", *node["corruptions"]])
+    return f"clean, {node.get('set') or part_name(node)}"
+
+
 def _try_optimizer(raw: Mapping[str, Any], optimizer: Any) -> None:
     from torch import nn
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 
 from sextant.cli.compose import compose, default_outputs, groups, to_plain
@@ -100,7 +101,7 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
         raise
     settings = [f"task.{key}" for key in family_of(str(trained.get("task", {}).get("name"))).test_settings]
     for override, text in zip(parsed, overrides, strict=True):
-        group = override.key_or_group.split(".")[0]
+        group = _place(override)
         if group not in FREE and override.key_or_group not in settings:
             known = nearest(group, FREE) if group not in trained and group not in groups() else None
             raise UserError(
@@ -109,16 +110,19 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
             )
     if any(override.is_delete() or override.is_sweep_override() for override in parsed):
         raise UserError(f"{' '.join(overrides)}: give one value to each key", USAGE)
-    chosen = {o.key_or_group for o in parsed if o.key_or_group in groups()} | {"paths", "tracking"}
-    composed = to_plain(
-        compose([t for o, t in zip(parsed, overrides, strict=True) if o.key_or_group.split(".")[0] in chosen])
-    )
+    chosen = {_place(o) for o in parsed if o.key_or_group in groups()} | {"paths", "tracking"}
+    composed = to_plain(compose([t for o, t in zip(parsed, overrides, strict=True) if _place(o) in chosen]))
     merged = dict(trained) | {group: composed[group] for group in chosen}
     merged |= {"reuse": "exact", "init_from": None, "sweep": None}
     for override, text in zip(parsed, overrides, strict=True):
-        if override.key_or_group.split(".")[0] not in chosen:
+        if _place(override) not in chosen:
             _set(merged, override.key_or_group, override.value(), text)
     return merged
+
+
+def _place(override: Override) -> str:
+    """Where in the config an override belongs: ``test_sampling`` for ``sampling@test_sampling=..``."""
+    return str(override.package or override.key_or_group.split(".")[0])
 
 
 def _set(config: dict[str, Any], key: str, value: Any, text: str) -> None:

@@ -1,8 +1,28 @@
 """Seeded, batched image corruptions: parameters are drawn, then applied."""
 
+from sextant.corruptions.benchmark_corruption import SEVERITIES, BenchmarkCorruption, Mode
+from sextant.corruptions.benchmark_suite import BenchmarkSuite, Protocol, benchmark_set, cifar10_c, imagenet_c, mnist_c
 from sextant.corruptions.contrast_poisson import ContrastPoisson
 from sextant.corruptions.corruption import Corruption
+from sextant.corruptions.eight_bit import eight_bit, to_bytes
 from sextant.corruptions.gaussian_noise import GaussianNoise
 from sextant.corruptions.suite import Condition, CorruptionSuite
 
-__all__ = ["Condition", "ContrastPoisson", "Corruption", "CorruptionSuite", "GaussianNoise"]
+__all__ = [
+    "SEVERITIES",
+    "BenchmarkCorruption",
+    "BenchmarkSuite",
+    "Condition",
+    "ContrastPoisson",
+    "Corruption",
+    "CorruptionSuite",
+    "GaussianNoise",
+    "Mode",
+    "Protocol",
+    "benchmark_set",
+    "cifar10_c",
+    "eight_bit",
+    "imagenet_c",
+    "mnist_c",
+    "to_bytes",
+]

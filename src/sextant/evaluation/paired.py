@@ -26,7 +26,7 @@ class PairedDifference:
         low, high: the interval for the mean over seeds, on these test images.
         image_low, image_high: the interval when the test images count as a sample too; wider, or nan without images.
         p_value: Wilcoxon signed-rank, two-sided; nan under two pairs.
-        wins: pairs with a positive difference.
+        wins: pairs in which the treatment is better.
     """
 
     seeds: int
@@ -47,6 +47,7 @@ def paired_difference(
     method: Method = "t",
     confidence: float = 0.95,
     seed: int = 0,
+    better: Literal["higher", "lower"] = "higher",
 ) -> PairedDifference:
     """Compare two arms pair by pair.
 
@@ -58,6 +59,7 @@ def paired_difference(
         method: ``t`` or ``bootstrap``.
         confidence: coverage of the intervals, in (0, 1).
         seed: of the bootstrap.
+        better: whether a high or a low value is one.
 
     Raises:
         ValueError: the shapes differ or there is no pair.
@@ -78,7 +80,7 @@ def paired_difference(
         image_low=image_low,
         image_high=image_high,
         p_value=_wilcoxon(per_seed),
-        wins=int((per_seed > 0).sum()),
+        wins=int(((per_seed > 0) if better == "higher" else (per_seed < 0)).sum()),
     )
 
 

@@ -1,55 +1,42 @@
-"""Push-pull inhibition: a convolution whose response is suppressed by a wider, negated copy of its own kernel.
+r"""Push-pull inhibition: a convolution whose response is suppressed by a wider, negated copy of its own kernel.
+
+.. math:: P = \Theta(k * I + b) - \alpha\,\Theta(-(k\uparrow h) * I - b), \qquad \Theta = \mathrm{ReLU}
 
 Source: N. Strisciuglio, M. Lopez-Antequera, N. Petkov, "Enhanced robustness of convolutional networks with a push-pull
 inhibition layer", Neural Computing and Applications 32, 2020, section 3.1.
 """
 
 import math
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-PaddingMode = Literal["zeros", "reflect", "replicate", "circular"]
+from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
+from sextant.layers.implementation import PullShape, choose_implementation
+from sextant.layers.pull_kernel import pull_kernel_size
+from sextant.layers.pull_response import Implementation, pull_response
+from sextant.layers.strength import Strength, check_strength, strength_buffer
 
-
-def pull_kernel_size(size: int, scale: float) -> int:
-    """Side of the pull kernel: the largest odd integer not above ``size * scale``, plus two if that was even.
-
-    ``K = floor(s h) + 1 - (floor(s h) mod 2)``; for ``h = 2`` sizes 3, 5, 7 give 7, 11, 15. ``h = 1`` keeps the size.
-    """
-    if scale == 1:
-        return size
-    stretched = math.floor(size * scale)
-    return stretched + 1 - stretched % 2
-
-
-def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[Tensor, "o c KH KW"]:
-    """The pull kernel ``k ↑ h`` before its sign is turned: ``weight`` stretched bilinearly with its corners aligned.
-
-    There is no renormalisation, as in the paper's code: the L1 norm grows about 3.9 times for size 3 and ``h = 2``.
-    """
-    size = (pull_kernel_size(weight.shape[2], scale), pull_kernel_size(weight.shape[3], scale))
-    if size == weight.shape[2:]:
-        return weight
-    return F.interpolate(weight, size=size, mode="bilinear", align_corners=True)
+Choice = Literal["auto", "direct", "rows", "factorised"]
 
 
 def push_pull(
-    x: Float[Tensor, "b ci h w"],
+    x: Float[Tensor, "*b ci h w"],
     weight: Float[Tensor, "co cg kh kw"],
     bias: Float[Tensor, "co"] | None = None,
     *,
     scale: float = 2.0,
     alpha: float | Float[Tensor, "co"] = 1.0,
-    stride: tuple[int, int] = (1, 1),
-    padding: tuple[int, int] = (0, 0),
-    dilation: tuple[int, int] = (1, 1),
+    stride: int | tuple[int, int] = 1,
+    padding: Padding = 0,
+    dilation: int | tuple[int, int] = 1,
     groups: int = 1,
     padding_mode: PaddingMode = "zeros",
-) -> Float[Tensor, "b co H W"]:
+    impl: Choice = "auto",
+) -> Float[Tensor, "*b co H W"]:
     r"""Push-pull response :math:`P = \Theta(k * I + b) - \alpha\,\Theta(-(k\uparrow h) * I - b)`, with Θ the ReLU.
 
     The output has the size that the plain convolution would have, and may be negative.
@@ -62,34 +49,57 @@ def push_pull(
         scale: the upsampling factor h of the pull kernel, at least 1.
         alpha: strength of the inhibition, one number or one a channel, at least 0.
         padding_mode: how the border is filled, as in ``torch.nn.Conv2d``.
+        impl: how the pull is computed, see :mod:`sextant.layers.pull_response`; ``auto`` is a fixed rule on the shape.
+        other arguments: as in ``torch.nn.functional.conv2d``.
 
     Raises:
-        ValueError: ``scale`` is below 1, or it is above 1 and a kernel side is even.
+        ValueError: ``scale`` is below 1, or it is above 1 and a kernel side is even; or as ``ConvGeometry.of``.
     """
     kernel = (weight.shape[2], weight.shape[3])
     if scale < 1 or (scale > 1 and (kernel[0] % 2 == 0 or kernel[1] % 2 == 0)):
         raise ValueError(
             f"push-pull needs scale >= 1 and, above 1, odd kernel sides; got scale={scale}, kernel={kernel}"
         )
-
-    def convolve(kernels: Tensor, offset: Tensor | None, pad: tuple[int, int]) -> Tensor:
-        if padding_mode == "zeros":
-            return F.conv2d(x, kernels, offset, stride, pad, dilation, groups)
-        padded = F.pad(x, (pad[1], pad[1], pad[0], pad[0]), mode=padding_mode)
-        return F.conv2d(padded, kernels, offset, stride, 0, dilation, groups)
-
-    response = convolve(weight, bias, padding)
-    pull_weight = upsample_kernel(weight, scale)
-    if pull_weight is weight:  # h = 1: pull = -push, so one convolution serves both
-        if not isinstance(alpha, Tensor):
-            return F.leaky_relu(response, alpha)
-        return torch.where(response > 0, response, alpha.view(-1, 1, 1) * response)
-
-    growth = [dilation[i] * (pull_weight.shape[2 + i] - kernel[i]) // 2 for i in (0, 1)]
-    wider = (padding[0] + growth[0], padding[1] + growth[1])
-    pull = F.relu(convolve(-pull_weight, None if bias is None else -bias, wider))
+    geometry = ConvGeometry.of(kernel, stride, padding, dilation, groups, padding_mode)
+    response = geometry.convolve(x, weight, bias)
     strength = alpha.view(-1, 1, 1) if isinstance(alpha, Tensor) else alpha
-    return F.relu(response) - strength * pull
+    if kernel == (pull_kernel_size(kernel[0], scale), pull_kernel_size(kernel[1], scale)):
+        # the pull is the negated push, so one convolution serves both
+        if isinstance(strength, Tensor):
+            return torch.where(response > 0, response, strength * response)
+        return F.leaky_relu(response, strength)
+    push = response.relu_()  # in place: a convolution's gradient does not need its own result
+    if not isinstance(strength, Tensor) and strength == 0:
+        return push
+    chosen = pull_implementation(weight, scale, geometry, (x.shape[-2], x.shape[-1])) if impl == "auto" else impl
+    pull = pull_response(x, -weight, None if bias is None else -bias, scale, geometry, chosen).relu_()
+    if isinstance(strength, Tensor):
+        return torch.addcmul(push, strength, pull, value=-1)
+    if not torch.is_grad_enabled():
+        return push.sub_(pull, alpha=strength)  # nothing else holds the push
+    return torch.sub(push, pull, alpha=strength)
+
+
+def pull_implementation(
+    weight: Float[Tensor, "co cg kh kw"], scale: float, geometry: ConvGeometry, size: tuple[int, int]
+) -> Implementation:
+    """What ``impl="auto"`` takes for images of this height and width: a pure function of the shapes.
+
+    While a network is compiled or exported sizes may be open, and there is none to look up: it takes ``direct``.
+    """
+    if torch.compiler.is_compiling():
+        return "direct"
+    out_channels, in_channels, *kernel = weight.shape
+    shape = PullShape(
+        kernel=(kernel[0], kernel[1]),
+        pull=(pull_kernel_size(kernel[0], scale), pull_kernel_size(kernel[1], scale)),
+        in_channels=in_channels,
+        out_channels=out_channels // geometry.groups,
+        groups=geometry.groups,
+        stride=geometry.stride,
+        size=size,
+    )
+    return choose_implementation(shape)
 
 
 class PushPullConv2d(nn.Conv2d):
@@ -99,14 +109,18 @@ class PushPullConv2d(nn.Conv2d):
     strengths start uniform in ``[0.5 - r, 0.5 + r]``, ``r = 1 / sqrt(in_channels * out_channels)``, and act as ReLU(α).
 
     Args:
-        scale: upsampling factor h of the pull kernel, at least 1.
-        alpha: inhibition strength, at least 0; ignored if ``train_alpha``.
+        scale: upsampling factor h of the pull kernel, at least 1. It is not trained: only kernel sizes that are odd
+            integers have a centre, so the response is a step function of h.
+        alpha: inhibition strength, at least 0, one number or one a channel; ignored if ``train_alpha``.
         train_alpha: learn one strength a channel.
+        impl: as in :func:`push_pull`.
         other arguments: as in ``torch.nn.Conv2d``.
 
     Raises:
-        ValueError: ``scale < 1``, ``alpha < 0``, or an even kernel side with ``scale > 1``.
+        ValueError: ``scale < 1``, ``alpha < 0``, an even kernel side with ``scale > 1``, or an unknown ``impl``.
     """
+
+    alpha: float | Tensor
 
     def __init__(
         self,
@@ -114,37 +128,44 @@ class PushPullConv2d(nn.Conv2d):
         out_channels: int,
         kernel_size: int | tuple[int, int],
         stride: int | tuple[int, int] = 1,
-        padding: int | tuple[int, int] | Literal["same", "valid"] = 0,
+        padding: Padding = 0,
         dilation: int | tuple[int, int] = 1,
         groups: int = 1,
         bias: bool = True,
         padding_mode: PaddingMode = "zeros",
         *,
         scale: float = 2.0,
-        alpha: float = 1.0,
+        alpha: Strength = 1.0,
         train_alpha: bool = False,
+        impl: Choice = "auto",
         device: torch.device | str | None = None,
         dtype: torch.dtype | None = None,
     ):
         super().__init__(
             in_channels, out_channels, kernel_size, stride, padding, dilation, groups, bias, padding_mode, device, dtype
         )
-        if scale < 1 or (scale > 1 and any(side % 2 == 0 for side in self.kernel_size)):
-            raise ValueError(f"scale must be >= 1, with odd kernel sides above 1; got {scale} and {self.kernel_size}")
-        if alpha < 0:
-            raise ValueError(f"alpha must be >= 0, got {alpha}")
-        if padding == "same" and any(d * (k - 1) % 2 for d, k in zip(self.dilation, self.kernel_size, strict=True)):
-            raise ValueError(f"padding='same' needs odd kernel sides or even dilations, got {self.kernel_size}")
+        self._check_scale(scale)
+        check_strength(alpha, out_channels)
+        if impl not in get_args(Choice):
+            raise ValueError(f"impl must be one of {', '.join(get_args(Choice))}, got {impl!r}")
         self.scale = scale
-        self.alpha: float | nn.Parameter = alpha
+        self.impl: Choice = impl
         if train_alpha:
             spread = 1 / math.sqrt(in_channels * out_channels)
             start = torch.empty(out_channels, device=device, dtype=dtype).uniform_(0.5 - spread, 0.5 + spread)
             self.alpha = nn.Parameter(start)
+        else:
+            strength_buffer(self, alpha)
 
     @classmethod
     def from_conv(
-        cls, conv: nn.Conv2d, *, scale: float = 2.0, alpha: float = 1.0, train_alpha: bool = False
+        cls,
+        conv: nn.Conv2d,
+        *,
+        scale: float = 2.0,
+        alpha: Strength = 1.0,
+        train_alpha: bool = False,
+        impl: Choice = "auto",
     ) -> "PushPullConv2d":
         """The push-pull layer with the geometry of ``conv``, sharing its weight and bias parameters."""
         layer = cls(
@@ -160,11 +181,40 @@ class PushPullConv2d(nn.Conv2d):
             scale=scale,
             alpha=alpha,
             train_alpha=train_alpha,
+            impl=impl,
             device="meta" if not train_alpha else conv.weight.device,
             dtype=conv.weight.dtype,
         )
         layer.weight, layer.bias = conv.weight, conv.bias
+        if not train_alpha:
+            layer.set_strength(alpha)  # on the device of the weights
         return layer.train(conv.training)
+
+    def set_strength(self, alpha: Strength | None = None, scale: float | None = None) -> None:
+        """Change the inhibition of a layer in use; None keeps what there is. Trained strengths are overwritten.
+
+        ``scale`` acts through the kernel's size alone: with side 3 every ``h < 4/3`` is 1, and K is 5 up to ``h < 2``.
+        A path from the convolution to inhibition that has no such jump is :func:`sextant.layers.strength_path`.
+
+        Raises:
+            ValueError: as the constructor.
+        """
+        if scale is not None:
+            self._check_scale(scale)
+            self.scale = scale
+        if alpha is not None:
+            check_strength(alpha, self.out_channels)
+            strength_buffer(self, alpha)
+
+    def strengths(self) -> float | Float[Tensor, "co"]:
+        """α as it acts: trained ones after their ReLU."""
+        return F.relu(self.alpha) if isinstance(self.alpha, nn.Parameter) else self.alpha
+
+    def implementation(self, height: int, width: int) -> Implementation:
+        """How the pull of an image of this size is computed; a run can record it."""
+        if self.impl != "auto":
+            return self.impl
+        return pull_implementation(self.weight, self.scale, ConvGeometry.of_layer(self), (height, width))
 
     def forward(self, x: Tensor) -> Tensor:
         """Apply :func:`push_pull` with this layer's parameters; shapes as in ``torch.nn.Conv2d``."""
@@ -173,23 +223,21 @@ class PushPullConv2d(nn.Conv2d):
             self.weight,
             self.bias,
             scale=self.scale,
-            alpha=F.relu(self.alpha) if isinstance(self.alpha, Tensor) else self.alpha,
+            alpha=self.strengths(),
             stride=self.stride,  # type: ignore[arg-type]
-            padding=self._padding_each_side(),
+            padding=self.padding,  # type: ignore[arg-type]
             dilation=self.dilation,  # type: ignore[arg-type]
             groups=self.groups,
             padding_mode=self.padding_mode,
+            impl=self.impl,
         )
-
-    def _padding_each_side(self) -> tuple[int, int]:
-        if self.padding == "valid":
-            return (0, 0)
-        if self.padding == "same":
-            height, width = (d * (k - 1) // 2 for d, k in zip(self.dilation, self.kernel_size, strict=True))
-            return (height, width)
-        return self.padding  # type: ignore[return-value]
 
     def extra_repr(self) -> str:
         """The convolution's description, with h and α."""
-        alpha = "trained" if isinstance(self.alpha, Tensor) else self.alpha
+        fixed = "a channel" if isinstance(self.alpha, Tensor) else self.alpha
+        alpha = "trained" if isinstance(self.alpha, nn.Parameter) else fixed
         return f"{super().extra_repr()}, scale={self.scale}, alpha={alpha}"
+
+    def _check_scale(self, scale: float) -> None:
+        if scale < 1 or (scale > 1 and any(side % 2 == 0 for side in self.kernel_size)):
+            raise ValueError(f"scale must be >= 1, with odd kernel sides above 1; got {scale} and {self.kernel_size}")

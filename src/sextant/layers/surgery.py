@@ -1,45 +1,88 @@
-"""Put inhibition into a network that was built without it, keeping its weights."""
+"""Replace layers of a network that was built without them, keeping its weights."""
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 from torch import nn
 
-from sextant.layers.push_pull import PushPullConv2d
+from sextant.errors import UserError
 
 
 @dataclass(frozen=True)
-class NoInhibition:
-    """Leaves the network as it is: the control of every inhibition experiment."""
-
-    def __call__(self, network: nn.Module) -> nn.Module:
-        """Return ``network``."""
-        return network
-
-
-@dataclass(frozen=True)
-class PushPullInhibition:
-    """Replaces the first convolution of a network by a push-pull layer with the same weights.
+class Rule:
+    """Which modules to replace, and by what.
 
     Args:
-        scale: upsampling factor h of the pull kernel, at least 1.
-        alpha: inhibition strength, at least 0; with ``scale=1, alpha=1`` the layer is exactly the convolution.
-        train_alpha: learn one strength a channel instead.
+        pattern: of module paths such as ``layer1.0.conv1``, as in a shell: ``*`` is anything, dots included, ``?`` one
+            character, ``[0-3]`` one of a range.
+        kind: only modules of this class match.
+        factory: makes the new module of the old one. It may share its parameters, or be the old one itself, wrapped.
+        objection: why a module that matches is to stay as it is, or None.
     """
 
-    scale: float = 2.0
-    alpha: float = 1.0
-    train_alpha: bool = False
+    pattern: str
+    factory: Callable[..., nn.Module]
+    kind: type[nn.Module] = nn.Conv2d
+    objection: Callable[[nn.Module], str | None] = lambda module: None
 
-    def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it.
+    def matches(self, module: nn.Module, paths: Iterable[str]) -> bool:
+        """Whether ``module``, which lies at these paths, is of the kind and one of its paths fits the pattern."""
+        return isinstance(module, self.kind) and any(fnmatchcase(path, self.pattern) for path in paths)
 
-        Raises:
-            ValueError: the network has no ``torch.nn.Conv2d``, or its first one has an even kernel and ``scale > 1``.
-        """
-        path, conv = first_conv(network)
-        layer = PushPullConv2d.from_conv(conv, scale=self.scale, alpha=self.alpha, train_alpha=self.train_alpha)
-        network.set_submodule(path, layer)
-        return network
+
+@dataclass(frozen=True)
+class Conversion:
+    """What :func:`convert` did.
+
+    Args:
+        changed: paths whose module was replaced, in registration order; a shared module is listed at each of its paths.
+        skipped: paths that match a pattern but stay as they are, with the reason.
+    """
+
+    changed: tuple[str, ...]
+    skipped: dict[str, str]
+
+
+def convert(network: nn.Module, rules: Iterable[Rule]) -> Conversion:
+    """Replace modules of ``network``, in place.
+
+    A module takes the first rule that matches one of its paths and has no objection; one that is used at several
+    places is replaced by one new module at all of them. What lies within a replaced module is left alone. The network
+    itself cannot be replaced.
+
+    Raises:
+        UserError: no module matches the pattern of a rule, or there are objections to all that do. The network is then
+            as it was.
+    """
+    rules = list(rules)
+    paths: dict[nn.Module, list[str]] = {}
+    for path, module in network.named_modules(remove_duplicate=False):
+        if path:
+            paths.setdefault(module, []).append(path)
+    chosen: dict[nn.Module, Rule] = {}
+    skipped: dict[str, str] = {}
+    for rule in rules:
+        objections: dict[str, str] = {}
+        matching = [module for module, at in paths.items() if rule.matches(module, at)]
+        for module in matching:
+            reason = rule.objection(module)
+            if reason is None:
+                chosen.setdefault(module, rule)
+            else:
+                objections |= dict.fromkeys(paths[module], reason)
+        if len(objections) == sum(len(paths[module]) for module in matching):
+            raise _nothing_matches(network, rule, paths, objections)
+        skipped |= objections
+    outermost = {path for module in chosen for path in paths[module]}
+    chosen = {m: rule for m, rule in chosen.items() if not any(_within(path, outermost) for path in paths[m])}
+    changed = {path for module in chosen for path in paths[module]}
+    for module, rule in chosen.items():
+        replacement = rule.factory(module)
+        for path in paths[module]:
+            network.set_submodule(path, replacement)
+    order = [path for at in paths.values() for path in at if path in changed]
+    return Conversion(tuple(order), {path: why for path, why in skipped.items() if path not in changed})
 
 
 def first_conv(network: nn.Module) -> tuple[str, nn.Conv2d]:
@@ -52,3 +95,34 @@ def first_conv(network: nn.Module) -> tuple[str, nn.Conv2d]:
         if path and isinstance(module, nn.Conv2d):
             return path, module
     raise ValueError(f"{type(network).__name__} has no Conv2d to put inhibition into")
+
+
+def exactly(path: str) -> str:
+    """The pattern that matches this path alone."""
+    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in path)
+
+
+def _within(path: str, outer: set[str]) -> bool:
+    parts = path.split(".")
+    return any(".".join(parts[:n]) in outer for n in range(1, len(parts)))
+
+
+def _nothing_matches(
+    network: nn.Module, rule: Rule, paths: dict[nn.Module, list[str]], objections: dict[str, str]
+) -> UserError:
+    name, kind_name = type(network).__name__, rule.kind.__name__
+    if objections:
+        told = "; ".join(f"{path}: {reason}" for path, reason in list(objections.items())[:3])
+        problem = f"the pattern {rule.pattern!r} matches no {kind_name} of {name} that can be replaced ({told})"
+    else:
+        problem = f"the pattern {rule.pattern!r} matches no {kind_name} of {name}"
+    kind = [module for module in paths if isinstance(module, rule.kind)]
+    candidates = [path for module in kind if rule.objection(module) is None for path in paths[module]]
+    if not candidates:
+        return UserError(problem, f"It has no {kind_name} that can be replaced: choose another network.")
+    return UserError(problem, f"Choose among {_some(candidates)}; * stands for anything, dots included.")
+
+
+def _some(names: Sequence[str], most: int = 8) -> str:
+    listed = ", ".join(names[:most])
+    return f"{listed}, ... ({len(names)} in all)" if len(names) > most else listed

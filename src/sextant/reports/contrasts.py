@@ -8,6 +8,7 @@ import numpy as np
 from scipy import stats
 
 from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference, holm, paired_difference
+from sextant.evaluation.paired import Method
 from sextant.reports.results import CellResult, SweepResults
 
 Sides = Mapping[str, str]
@@ -113,7 +114,8 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
     if other_images or sides[0][0].measure.statistic == "median":
         arms = [[np.float64(side.value(condition)) for side in arm] for arm in sides]
     treatment, control = (np.stack(arm) for arm in arms)
-    return paired_difference(treatment, control, method="bootstrap" if method == "bootstrap" else "t")
+    chosen: Method = "bootstrap" if method == "bootstrap" else "t"
+    return paired_difference(treatment, control, method=chosen, better=sides[0][0].measure.better)
 
 
 def _mean_of_all(pairs: list[Pair], condition: str) -> float:

@@ -164,8 +164,20 @@ def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
         "The noise floor is the mean difference that "
         "seeds alone make, with its interval, and the spread of one such pair. Holm's family is the conditions of one "
         "setting. *Dropped* pairs have a run that diverged, failed or is missing."
+        + _least_p(rows, len(results.conditions))
         + (f" † fewer than {SEEDS_FOR_A_CLAIM} pairs: exploratory." if any(row.exploratory for row in rows) else "")
         + "\n"
+    )
+
+
+def _least_p(rows: list[ContrastRow], conditions: int) -> str:
+    """What the number of pairs allows at best: the signed-rank test of n pairs cannot give less than 2 / 2^n."""
+    pairs = max((row.paired.seeds for row in rows if row.paired is not None), default=0)
+    least = min(1.0, conditions * 2.0 ** (1 - pairs))
+    if least <= 0.05:
+        return ""
+    return (
+        f" With {pairs} pairs and {conditions} conditions no corrected p can be below {least:.3f}: read the intervals."
     )
 
 

@@ -16,13 +16,12 @@ from sextant.corruptions import Condition, CorruptionSuite
 from sextant.data.batches import Batch
 from sextant.data.source import ImageSpec
 from sextant.evaluation import classification_converged
+from sextant.tasks.classification_report import corruption_metrics, result_figures
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-SHEET_IMAGES = 10
 
 
 @dataclass(frozen=True)
@@ -118,12 +117,14 @@ class Classification(pl.LightningModule):
         self._test_labels.append(batch.labels.cpu())
 
     def on_test_epoch_end(self) -> None:
-        """Keep the predictions as :attr:`result` and log ``test/accuracy/<condition>``."""
+        """Keep the predictions as :attr:`result`; log ``test/accuracy/<condition>``, and errors of a published set."""
         small = torch.uint8 if len(self.spec.classes) <= 256 else torch.int64
         predictions = {c.key: torch.cat(chosen).to(small).numpy() for c, chosen in self._test.items()}
         self.result = ClassificationResult(torch.cat(self._test_labels).numpy(), predictions)
         self._test, self._test_labels = {}, []
-        self.log_dict({f"test/accuracy/{key}": value for key, value in self.result.accuracy().items()})
+        accuracy = self.result.accuracy()
+        self.log_dict({f"test/accuracy/{key}": value for key, value in accuracy.items()})
+        self.log_dict(corruption_metrics(accuracy, self.suite))
 
     def predict_step(self, images: Tensor) -> Tensor:
         """Class probabilities ``(b, k)`` of images in [0, 1]."""
@@ -143,27 +144,6 @@ class Classification(pl.LightningModule):
         return {"labels": self.result.labels, **self.result.predictions}
 
     def figures(self, test_images: UInt8[Tensor, "n c h w"]) -> "Iterator[tuple[str, Figure]]":
-        """Pictures of the test: accuracy against severity, confusions, corrupted inputs, first-layer kernels."""
-        from sextant.figures.confusion_matrix import confusion_matrix
-        from sextant.figures.contact_sheet import contact_sheet
-        from sextant.figures.first_kernels import first_kernels
-        from sextant.figures.severity_curves import severity_curves
-
+        """Pictures of the test; see :func:`~sextant.tasks.classification_report.result_figures`."""
         assert self.result is not None
-        conditions = self.suite.conditions()
-        accuracy = self.result.accuracy()
-        if len(conditions) > 1:
-            levels = {name: [float(v) for v in c.levels] for name, c in self.suite.corruptions.items()}
-            yield "severity_curves", severity_curves(levels, {"this run": accuracy})
-        yield (
-            "confusion_matrix",
-            confusion_matrix(self.result.labels, self.result.predictions["clean"], self.spec.classes),
-        )
-        shown = torch.arange(min(SHEET_IMAGES, len(test_images)))
-        images = test_images[shown].float() / 255
-        rows = {c.key: self.suite.corrupt(images, shown, c).numpy() for c in conditions}
-        chosen = {key: values[: len(shown)] for key, values in self.result.predictions.items()}
-        yield "contact_sheet", contact_sheet(rows, chosen, self.result.labels[: len(shown)], self.spec.classes)
-        kernels = first_kernels(self.network)
-        if kernels is not None:
-            yield "first_kernels", kernels
+        return result_figures(self.result, self.suite, self.network, self.spec.classes, test_images)

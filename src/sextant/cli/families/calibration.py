@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.assemble import build, build_dataset, build_suite, build_training, part_name
+from sextant.cli.assemble import build, build_dataset, build_suite, build_training, conditions_name, part_name
 from sextant.cli.families.family import Family, Source, TestRecord
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
@@ -45,8 +45,7 @@ class CalibrationFamily(Family):
         """Network, what it predicts, and how it is trained."""
         names = ("backbone", "inhibition", "parameterization", "loss")
         rows = {name: part_name(raw[name]) for name in names}
-        test = ["clean", *raw["corruption"]["corruptions"]]
-        return rows | {"sampling": str(raw["sampling"].get("name", "")), "test": ", ".join(test)}
+        return rows | {"sampling": str(raw["sampling"].get("name", "")), "test": conditions_name(raw["corruption"])}
 
     def data(self, raw: Mapping[str, Any], config: Config, source: "PanoramaSource") -> "CalibrationData":
         """Crops of the panoramas."""

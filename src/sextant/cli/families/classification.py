@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.assemble import build, build_dataset, build_suite, build_training, part_name
+from sextant.cli.assemble import build, build_dataset, build_suite, build_training, conditions_name, part_name
 from sextant.cli.console import console
 from sextant.cli.families.family import Family, Source, TestRecord
 from sextant.config import Config
@@ -45,7 +45,7 @@ class ClassificationFamily(Family):
             "backbone": part_name(raw["backbone"]),
             "inhibition": part_name(raw["inhibition"]),
             "augmentation": part_name(raw.get("augmentation") or {"_target_": "none"}),
-            "test": ", ".join(["clean", *raw["corruption"]["corruptions"]]),
+            "test": conditions_name(raw["corruption"]),
         }
 
     def data(self, raw: Mapping[str, Any], config: Config, source: ImageSource) -> "ImageData":

@@ -40,3 +40,23 @@ class CorruptionSuite(Part):
     target: Literal["sextant.corruptions.CorruptionSuite"] = Field(alias="_target_")
     corruptions: dict[str, CorruptionPart]
     seed: Seed = Field(examples=[0])
+
+
+class BenchmarkSuite(Part):
+    """A published set of test conditions."""
+
+    target: Literal["sextant.corruptions.BenchmarkSuite"] = Field(alias="_target_")
+    set: Literal["cifar10_c", "mnist_c", "imagenet_c"]
+    names: str | list[str] | None = Field(examples=["benchmark15"])
+    severities: Annotated[list[int], AfterValidator(distinct)] | None = Field(examples=["[1,3,5]"])
+    mode: Literal["faithful", "corrected"]
+    quantise: bool
+    seed: Seed = Field(examples=[0])
+
+
+TestConditions = Annotated[
+    Annotated[CorruptionSuite, Tag("sextant.corruptions.CorruptionSuite")]
+    | Annotated[BenchmarkSuite, Tag("sextant.corruptions.BenchmarkSuite")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(CorruptionSuite, BenchmarkSuite),
+]

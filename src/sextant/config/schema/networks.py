@@ -120,17 +120,31 @@ class NoInhibition(Part):
 
 
 class PushPullInhibition(Part):
-    """Push-pull in place of the first convolution."""
+    """Push-pull in place of convolutions."""
 
     target: Literal["sextant.layers.PushPullInhibition"] = Field(alias="_target_")
+    where: str = Field(default="first", min_length=1, examples=["first_block"])
     scale: float = Field(ge=1, le=8, examples=[2.0])
     alpha: NonNegative = Field(examples=[1.0])
     train_alpha: bool
+    impl: Literal["auto", "direct", "rows", "factorised"] = "auto"
+
+
+class PushPullAvgInhibition(Part):
+    """Push-pull of 2024 in place of convolutions."""
+
+    target: Literal["sextant.layers.PushPullAvgInhibition"] = Field(alias="_target_")
+    where: str = Field(min_length=1, examples=["first_block"])
+    average: int = Field(ge=1, le=31, examples=[3])
+    alpha: NonNegative = Field(examples=[1.0])
+    train_alpha: bool
+    impl: Literal["box", "direct"]
 
 
 Inhibition = Annotated[
     Annotated[NoInhibition, Tag("sextant.layers.NoInhibition")]
     | Annotated[PushPullInhibition, Tag("sextant.layers.PushPullInhibition")]
+    | Annotated[PushPullAvgInhibition, Tag("sextant.layers.PushPullAvgInhibition")]
     | Annotated[CustomPart, Tag("custom")],
-    choose_part(NoInhibition, PushPullInhibition),
+    choose_part(NoInhibition, PushPullInhibition, PushPullAvgInhibition),
 ]

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from sextant.config.schema.augmentations import Augmentation
 from sextant.config.schema.cameras import Loss, Parameterization, Sampling
-from sextant.config.schema.corruptions import CorruptionSuite
+from sextant.config.schema.corruptions import CorruptionSuite, TestConditions
 from sextant.config.schema.datasets import Dataset
 from sextant.config.schema.environment import Paths, Tracking, Trainer
 from sextant.config.schema.networks import Backbone, Inhibition
@@ -29,7 +29,7 @@ class Config(Node):
     """A whole run."""
 
     dataset: Dataset
-    corruption: CorruptionSuite
+    corruption: TestConditions
     backbone: Backbone
     inhibition: Inhibition
     optimizer: Optimizer
@@ -59,7 +59,15 @@ class Config(Node):
 
     def custom_targets(self) -> list[str]:
         """Import paths in the config that Sextant has no schema for."""
-        parts: list[Part] = [self.dataset, self.backbone, self.inhibition, self.optimizer, self.schedule]
-        parts += self.corruption.corruptions.values()
+        parts: list[Part] = [
+            self.dataset,
+            self.corruption,
+            self.backbone,
+            self.inhibition,
+            self.optimizer,
+            self.schedule,
+        ]
+        if isinstance(self.corruption, CorruptionSuite):
+            parts += self.corruption.corruptions.values()
         parts += [part for part in (self.loss, self.augmentation) if part is not None]
         return [part.target for part in parts if isinstance(part, CustomPart)]

@@ -1,0 +1,233 @@
+"""``python -m sextant.corruptions make``: files of corrupted images in the layout of CIFAR-10-C."""
+
+import errno
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from filelock import FileLock, Timeout
+from numpy.typing import NDArray
+from rich.markup import escape
+
+from sextant import __version__
+from sextant.cli.arguments import parse_arguments
+from sextant.cli.console import console, key_value_table, reporting_mistakes
+from sextant.cli.work_progress import work_progress
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from sextant.corruptions.making import Corruptions, Images
+
+USAGE = "python -m sextant.corruptions make set=cifar10_c input=cifar10 output=CIFAR-10-C [names=fog,snow] [seed=0]"
+KEYS = {
+    "set": "whose parameters: cifar10_c, mnist_c or imagenet_c",
+    "input": "a dataset such as cifar10, of which the test split is taken, or a .npy file of uint8 (n, h, w[, c])",
+    "output": "folder of the files",
+    "names": "corruptions or groups of them, separated by commas; all unless given",
+    "severities": "some of 1,2,3,4,5; the published ones unless given",
+    "seed": "of all random draws; 0 unless given",
+    "mode": "faithful to the authors' code, or corrected; faithful unless given",
+    "labels": "a .npy file of n labels to write beside the images; those of the dataset unless given",
+    "device": "where to compute; cpu unless given",
+}
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def run(arguments: Sequence[str]) -> None:
+    """Run the command; a user's mistake ends with one message and exit status 2."""
+    with reporting_mistakes():
+        main(arguments)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Parse ``make key=value ...`` and write the files.
+
+    Raises:
+        UserError: an argument is wrong, the input cannot be read, or the output cannot be written.
+    """
+    verb, *rest = arguments or ("",)
+    if verb in ("-h", "--help", ""):
+        rest = ["--help"]
+    elif verb != "make":
+        raise UserError(f"{verb}: not understood", USAGE)
+    given = parse_arguments(rest, KEYS, USAGE)
+    for key in ("set", "input", "output"):
+        if not given.get(key):
+            raise UserError(f"{key}= is missing: {KEYS[key]}", USAGE)
+    folder = Path(given["output"]).expanduser()
+    seed, device = _seed(given.get("seed", "0")), _device(given.get("device", "cpu"))
+    chosen, mode = _chosen(given)
+    images, labels = _input(given["input"], given.get("labels"))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / ".lock", timeout=0):
+            _make(folder, given["set"], mode, seed, chosen, images, labels, device)
+    except Timeout:
+        raise UserError(f"another process is writing to {folder}", "Wait for it, or choose another output=") from None
+    except OSError as error:
+        raise _disk_error(folder, error) from None
+    except KeyboardInterrupt:
+        console.print("interrupted: the same command resumes; corruptions that are done are kept")
+        raise SystemExit(130) from None
+
+
+def _make(
+    folder: Path,
+    benchmark: str,
+    mode: Literal["faithful", "corrected"],
+    seed: int,
+    chosen: "Corruptions",
+    images: "Images",
+    labels: NDArray[Any] | None,
+    device: str,
+) -> None:
+    from sextant.corruptions import making
+
+    recipe = making.Recipe(benchmark, mode, seed, making.images_digest(images), __version__)
+    making.begin(folder, recipe, chosen)
+    todo, began = making.missing(folder, chosen, images), time.monotonic()
+    if (needed := sum(todo.values())) > (free := shutil.disk_usage(folder).free):
+        raise UserError(
+            f"{folder} needs {_megabytes(needed)}, {_megabytes(free)} is free",
+            "Free some space, choose another output=, or fewer names= or severities=",
+        )
+    if labels is not None:
+        _write_labels(folder, chosen, labels)
+    total = needed // images[0].size
+    done = 0
+    with work_progress("corrupting", "images") as progress:
+
+        def advance(images: int) -> None:
+            nonlocal done
+            done += images
+            progress(done, total)
+
+        for name, size in todo.items():
+            making.write_corruption(folder / f"{name}.npy", chosen[name], images, recipe, device, advance)
+            console.print(f"{escape(name)}.npy: {_megabytes(size)}")
+    seconds = time.monotonic() - began
+    rows = {"images": f"{len(images):,} of {' x '.join(map(str, images.shape[1:]))}", "mode": mode, "seed": str(seed)}
+    rows |= {"made": f"{len(todo)} corruptions", "kept": f"{len(chosen) - len(todo)}", "seconds": f"{seconds:,.1f}"}
+    console.print(key_value_table(benchmark, rows | {"path": str(folder)}))
+    if "frost" in chosen:
+        console.print("frost has textures drawn here: errors under it do not compare with published ones")
+
+
+def _write_labels(folder: Path, chosen: "Corruptions", labels: NDArray[Any]) -> None:
+    """Write them as often as the files have severities, if all have equally many."""
+    from sextant.corruptions.making import write_labels
+
+    counts = {len(corruption.levels) for corruption in chosen.values()}
+    if len(counts) == 1:
+        write_labels(folder, labels, counts.pop())
+        return
+    write_labels(folder, labels, 1)
+    console.print("labels.npy is for one severity: the corruptions chosen have different numbers of severities")
+
+
+# ---------------------------------------------------------------------------------------------------------- arguments
+
+
+def _chosen(given: Mapping[str, str]) -> "tuple[Corruptions, Literal['faithful', 'corrected']]":
+    from sextant.corruptions import benchmark_set
+
+    names = [name.strip() for name in given.get("names", "").strip("[]").split(",") if name.strip()]
+    text = given.get("severities", "").strip("[]")
+    severities = [part.strip() for part in text.split(",") if part.strip()]
+    if not all(part in ("1", "2", "3", "4", "5") for part in severities):
+        raise UserError(f"severities={text} must be some of 1,2,3,4,5", "For example severities=1,3,5")
+    mode = given.get("mode", "faithful")
+    if mode not in ("faithful", "corrected"):
+        raise UserError(f"mode={mode} is not known", "It is faithful or corrected.")
+    known: Literal["faithful", "corrected"] = "corrected" if mode == "corrected" else "faithful"
+    try:
+        chosen = benchmark_set(given["set"]).build(names or None, [int(part) for part in severities] or None, known)
+    except UserError as error:  # its keys are those of a config
+        raise UserError(error.problem.replace("corruption.", ""), error.fix) from None
+    return chosen, known
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise UserError(f"seed={text} must be a whole number, at least 0", "For example seed=0")
+    return int(text)
+
+
+def _device(text: str) -> str:
+    import torch
+
+    try:
+        torch.zeros(1, device=text)
+    except (RuntimeError, AssertionError) as error:
+        raise UserError(
+            f"device={text} cannot be used: {str(error).splitlines()[0]}", "device=cpu always can."
+        ) from None
+    return text
+
+
+def _input(text: str, labels: str | None) -> "tuple[Images, NDArray[Any] | None]":
+    """Images ``(n, h, w[, c])``, and labels if there are any."""
+    from sextant.corruptions.making import check_images, check_labels
+
+    if Path(text).suffix == ".npy":
+        images, found = check_images(_load(text, "input"), f"input={text}"), None
+    else:
+        images, found = _dataset(text)
+    if labels is not None:
+        found = _load(labels, "labels")
+    return images, None if found is None else check_labels(found, f"labels={labels}", len(images))
+
+
+def _load(text: str, key: str) -> NDArray[Any]:
+    """A ``.npy`` file, mapped into memory; nothing in it is unpickled."""
+    path = Path(text).expanduser()
+    if not path.is_file():
+        raise UserError(f"{key}={text}: there is no such file", None)
+    try:
+        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        reason = str(error).splitlines()[0] if str(error) else "it is cut off"
+        raise UserError(
+            f"{key}={text} cannot be read: {reason}", "It has to be a .npy file, whole, of numbers."
+        ) from None
+    if not isinstance(loaded, np.ndarray):
+        raise UserError(f"{key}={text} is not a .npy file", "numpy.save writes one.")
+    return loaded
+
+
+def _dataset(name: str) -> "tuple[Images, NDArray[Any]]":
+    """The test split of a dataset of labelled images."""
+    from sextant.cli.assemble import build_dataset
+    from sextant.cli.compose import compose, groups, to_plain
+    from sextant.config import validate
+    from sextant.data.source import ImageSource
+
+    if name not in groups()["dataset"]:
+        raise UserError(
+            f"input={name} is neither a .npy file nor a dataset", f"Datasets: {', '.join(groups()['dataset'])}"
+        )
+    raw = to_plain(compose([f"dataset={name}"]))
+    source = build_dataset(raw, validate(raw))
+    if not isinstance(source, ImageSource):
+        raise UserError(f"input={name} is not a dataset of labelled images", USAGE)
+    split = source.read("test")
+    return np.ascontiguousarray(split.images.transpose(0, 2, 3, 1)), split.labels
+
+
+# ------------------------------------------------------------------------------------------------------------- messages
+
+
+def _disk_error(folder: Path, error: OSError) -> UserError:
+    if error.errno in FULL:
+        return UserError(
+            f"the disk is full: {folder} cannot hold more",
+            "Corruptions that are done are kept. Free some space and give the same command again: it resumes.",
+        )
+    return UserError(f"{folder} cannot be written to: {error.strerror or error}", "Choose another output=")
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:,.1f} MB"

@@ -1,0 +1,48 @@
+"""What the corruptions of the benchmark sets share: a table with one row of parameters for each severity."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+import torch
+from jaxtyping import Int64
+from torch import Tensor
+
+from sextant.corruptions.corruption import Corruption, Params
+from sextant.corruptions.seeding import generators, image_seeds
+
+Row = TypeVar("Row")
+Mode = Literal["faithful", "corrected"]
+SEVERITIES = (1, 2, 3, 4, 5)
+
+
+@dataclass(frozen=True)
+class BenchmarkCorruption(Corruption[Params], Generic[Row, Params]):
+    """A corruption whose ``level`` is a severity 1, 2, ... that picks a row of its set's parameters.
+
+    One family serves every set: ``SpeckleNoise((0.06, 0.1, 0.12, 0.16, 0.2), "speckle_noise")`` is that of CIFAR-10-C.
+    Lengths in a table are in pixels as published, whatever the size of the image, unless a family says otherwise.
+
+    Args:
+        table: one row of parameters for each severity, the first for severity 1.
+        name: the corruption's name; enters the seeds.
+        levels: the severities to test at.
+    """
+
+    table: Sequence[Row]
+    name: str
+    levels: Sequence[float] = SEVERITIES
+
+    def row(self, level: float) -> Row:
+        """The parameters of severity ``level``.
+
+        Raises:
+            ValueError: the table has no such row.
+        """
+        if level not in range(1, len(self.table) + 1):
+            raise ValueError(f"{self.name} has severities 1 to {len(self.table)}, not {level!r}")
+        return self.table[int(level) - 1]
+
+    def streams(self, level: float, indices: Int64[Tensor, "b"], seed: int) -> list[torch.Generator]:
+        """One random stream for each image."""
+        return generators(image_seeds(self.name, level, indices, seed))

@@ -1,0 +1,124 @@
+"""A published benchmark set as a suite, with its protocol."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.eight_bit import eight_bit
+from sextant.corruptions.sets import CIFAR10_C, IMAGENET_C, MNIST_C
+from sextant.corruptions.sets.benchmark_set import BenchmarkSet
+from sextant.corruptions.suite import Condition, CorruptionSuite
+from sextant.errors import UserError
+
+SETS = {benchmark.key: benchmark for benchmark in (CIFAR10_C, MNIST_C, IMAGENET_C)}
+Names = str | Sequence[str] | None
+Chosen = dict[str, BenchmarkCorruption[Any, Any]]
+
+
+def benchmark_set(key: str) -> BenchmarkSet:
+    """The set ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
+
+    Raises:
+        UserError: there is no such set.
+    """
+    if key not in SETS:
+        raise UserError(f"corruption.set={key} is not known", f"There are: {', '.join(SETS)}.")
+    return SETS[key]
+
+
+def cifar10_c(names: Names = None, severities: Sequence[int] | None = None, mode: Mode = "faithful") -> Chosen:
+    """Corruptions of CIFAR-10-C by name; see :meth:`.BenchmarkSet.build`."""
+    return CIFAR10_C.build(names, severities, mode)
+
+
+def mnist_c(names: Names = None, severities: Sequence[int] | None = None, mode: Mode = "faithful") -> Chosen:
+    """Corruptions of MNIST-C by name, by default at their published severity; see :meth:`.BenchmarkSet.build`."""
+    return MNIST_C.build(names, severities, mode)
+
+
+def imagenet_c(names: Names = None, severities: Sequence[int] | None = None, mode: Mode = "faithful") -> Chosen:
+    """Corruptions of ImageNet-C by name; see :meth:`.BenchmarkSet.build`."""
+    return IMAGENET_C.build(names, severities, mode)
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What a report has to state about corrupted images.
+
+    Attributes:
+        set: which published set.
+        title: its name and source.
+        severities: those tested, by corruption, in the published order.
+        mode: ``faithful`` to the authors' code, or ``corrected``.
+        rounding: how images become 8 bits, as in the published files.
+        baseline: what corruption errors of the set are divided by.
+        image_size: of the images the set was published for.
+        seed: of all random draws.
+    """
+
+    set: str
+    title: str
+    severities: Mapping[str, tuple[float, ...]]
+    mode: Mode
+    rounding: str
+    baseline: str
+    image_size: int
+    seed: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For a file of results."""
+        return asdict(self)
+
+
+class BenchmarkSuite(CorruptionSuite):
+    """The conditions of a published set; images come as its files hold them.
+
+    Args:
+        set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
+        names: corruptions to test: all (``None``), a group (``benchmark15``, ``extra4``), or a list of names.
+        severities: of 1 to 5; ``None`` for the published ones.
+        mode: ``faithful`` to the authors' code with its slips, or ``corrected``.
+        quantise: round corrupted images to 8 bits; see :mod:`.eight_bit`.
+        seed: of all random draws.
+
+    Raises:
+        UserError: a set, name, severity or mode that does not exist.
+    """
+
+    def __init__(
+        self,
+        set: str = "cifar10_c",
+        names: Names = None,
+        severities: Sequence[int] | None = None,
+        mode: Mode = "faithful",
+        quantise: bool = True,
+        seed: int = 0,
+    ):
+        chosen = benchmark_set(set)
+        super().__init__(chosen.build(names, severities, mode), seed)
+        self.mode = mode
+        self.quantise = quantise
+        rounding = {"faithful": "8 bits, fraction dropped", "corrected": "8 bits, to the nearest"}[mode]
+        self.protocol = Protocol(
+            set=chosen.key,
+            title=chosen.title,
+            severities={name: tuple(c.levels) for name, c in self.corruptions.items()},
+            mode=mode,
+            rounding=rounding if quantise else "none",
+            baseline=chosen.baseline,
+            image_size=chosen.image_size,
+            seed=seed,
+        )
+
+    def corrupt(
+        self, images: Float[Tensor, "b c h w"], indices: Int64[Tensor, "b"], condition: Condition
+    ) -> Float[Tensor, "b c h w"]:
+        """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
+        corrupted = super().corrupt(images, indices, condition)
+        if condition.corruption is None or not self.quantise:
+            return corrupted
+        return eight_bit(corrupted, self.mode)

@@ -1,0 +1,27 @@
+"""What lies beyond the edge of an image, with scipy.ndimage's names.
+
+``nearest`` repeats the edge pixel; ``reflect`` mirrors at the edge of the edge pixel (b a | a b c), ``mirror`` at its
+centre (c b | a b c), which OpenCV calls REFLECT_101; ``zero`` is black.
+"""
+
+from typing import Literal
+
+import torch
+from jaxtyping import Int64
+from torch import Tensor
+
+Border = Literal["nearest", "reflect", "mirror", "zero"]
+
+
+def inside(index: Int64[Tensor, "*n"], size: int, border: Border) -> Int64[Tensor, "*n"]:
+    """The pixel 0 ... size - 1 that stands for the pixel ``index``, which may lie outside.
+
+    ``zero`` gives the nearest pixel, which the caller has to weigh with zero.
+    """
+    if border == "reflect":
+        folded = index % (2 * size)
+        return torch.where(folded < size, folded, 2 * size - 1 - folded)
+    if border == "mirror" and size > 1:
+        folded = index % (2 * size - 2)
+        return torch.where(folded < size, folded, 2 * size - 2 - folded)
+    return index.clamp(0, size - 1)

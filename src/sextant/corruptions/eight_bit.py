@@ -1,0 +1,27 @@
+"""Eight-bit images as the benchmark files hold them.
+
+The authors of CIFAR-10-C and ImageNet-C cast 255 y to ``uint8``, which drops the fraction, so that their files are
+darker by half a grey level on average than y. Rounding to the nearest is right and is what ``corrected`` does.
+"""
+
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from sextant.corruptions.benchmark_corruption import Mode
+
+# 255 · (k / 255) in float32, blurred or not, may fall short of k by some 1e-5, which must not cost a grey level
+SLACK = 2e-4
+
+
+def to_bytes(images: Float[Tensor, "*shape"], mode: Mode = "faithful") -> UInt8[Tensor, "*shape"]:
+    """``images`` in [0, 1] as bytes: ``⌊255 y⌋`` in faithful mode, the nearest to ``255 y`` in corrected mode."""
+    scaled = images.to(torch.promote_types(images.dtype, torch.float32)) * 255
+    whole = scaled.add_(SLACK) if mode == "faithful" else scaled.round_()
+    return whole.clamp_(0, 255).to(torch.uint8)  # the cast drops the fraction
+
+
+def eight_bit(images: Float[Tensor, "*shape"], mode: Mode = "faithful") -> Float[Tensor, "*shape"]:
+    """``images`` with the 256 values that :func:`to_bytes` leaves, in [0, 1]."""
+    whole = to_bytes(images, mode)
+    return (whole.to(torch.promote_types(images.dtype, torch.float32)) / 255).to(images.dtype)

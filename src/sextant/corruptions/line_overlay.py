@@ -1,0 +1,40 @@
+"""Soft white lines across an image, in the coordinates of an MNIST digit."""
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+SIDE = 28
+REACH = 2.3  # pixels at which a line has faded
+
+
+def mnist_coordinates(size: int) -> Float64[Tensor, "size"]:
+    """Where the pixels of an axis of ``size`` lie among 28, the centre of the first of these at 0."""
+    return (torch.arange(size, dtype=torch.float64) + 0.5) * SIDE / size - 0.5
+
+
+def mnist_cells(size: int) -> Int64[Tensor, "size"]:
+    """Which of 28 pixels each of the pixels of an axis of ``size`` lies in."""
+    return (torch.arange(size) * 2 + 1) * SIDE // (2 * size)
+
+
+def line_overlay(
+    starts: Float64[Tensor, "*batch 2"], ends: Float64[Tensor, "*batch 2"], height: int, width: int
+) -> Float64[Tensor, "*batch h w"]:
+    """One line each, from ``starts`` to ``ends``, both (column, row) in pixels of a 28x28 image.
+
+        y = 1 + log(1 - d/2.3), at least 0,     d = vertical distance to the line,
+
+    in the columns from ``floor(start)`` up to ``ceil(end)``, without the latter. A line without width is nothing. Other
+    sizes show the same line, scaled.
+
+    Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
+    """
+    columns, rows = mnist_coordinates(width), mnist_coordinates(height)[:, None]
+    cells = mnist_cells(width)
+    (c0, r0), (c1, r1) = (points[..., None, None].unbind(-3) for points in (starts, ends))
+    run = torch.where(c1 == c0, 1.0, c1 - c0)
+    line = r0 + (r1 - r0) / run * (columns - c0)
+    distance = (rows - line).abs().clamp(max=REACH - 1e-10)
+    value = (1 + torch.log1p(-distance / REACH)).clamp(min=0)
+    return value.where((cells >= c0.floor()) & (cells < c1.ceil()) & (c0 != c1), 0)

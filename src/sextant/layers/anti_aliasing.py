@@ -1,0 +1,70 @@
+"""Blur before every subsampling of a network: max-pools and strided convolutions become dense, then blurred.
+
+Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 2019, section 3.2.
+"""
+
+from functools import partial
+
+from torch import nn
+
+from sextant.layers.blur_pool import BlurPool2d
+from sextant.layers.surgery import Conversion, Rule, convert
+
+
+def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversion:
+    """Blur before the max-pools and convolutions of ``network`` that subsample, in place.
+
+    Args:
+        taps: length of the binomial filter.
+        where: pattern of module paths, as in :class:`sextant.layers.Rule`.
+
+    Raises:
+        UserError: nothing that subsamples has such a path.
+    """
+    pools = Rule(where, partial(anti_aliased_pool, taps=taps), nn.MaxPool2d, _pool_objection)
+    convs = Rule(where, partial(anti_aliased_conv, taps=taps), nn.Conv2d, _conv_objection)
+    there = [(path, module) for path, module in network.named_modules() if path]
+    useful = [
+        rule for rule in (pools, convs) if any(rule.matches(m, [p]) and rule.objection(m) is None for p, m in there)
+    ]
+    return convert(network, useful or [convs])
+
+
+def anti_aliased_pool(pool: nn.MaxPool2d, taps: int = 3) -> nn.Sequential:
+    """``pool`` with stride 1, then a blur with its stride: the same output size.
+
+    Raises:
+        ValueError: the pool rounds sizes up or returns indices.
+    """
+    if pool.ceil_mode or pool.return_indices:
+        raise ValueError("a max-pool with ceil_mode or return_indices has no anti-aliased form of the same output")
+    dense = nn.MaxPool2d(pool.kernel_size, 1, pool.padding, pool.dilation)
+    return nn.Sequential(dense, BlurPool2d(taps, _two(pool.stride)))
+
+
+def anti_aliased_conv(conv: nn.Conv2d, taps: int = 3) -> nn.Sequential:
+    """``conv`` with its stride set to 1, in place, then a blur with that stride: the same output size.
+
+    A plain 1x1 convolution commutes with the blur, which then comes first and saves most of the products.
+    """
+    blur = BlurPool2d(taps, _two(conv.stride))
+    conv.stride = (1, 1)
+    if type(conv) is nn.Conv2d and conv.kernel_size == (1, 1) and conv.padding in ("valid", (0, 0)):
+        return nn.Sequential(blur, conv)
+    return nn.Sequential(conv, blur)
+
+
+def _pool_objection(module: nn.Module) -> str | None:
+    assert isinstance(module, nn.MaxPool2d)
+    if _two(module.stride) == (1, 1):
+        return "it does not subsample"
+    return "ceil_mode or return_indices" if module.ceil_mode or module.return_indices else None
+
+
+def _conv_objection(module: nn.Module) -> str | None:
+    assert isinstance(module, nn.Conv2d)
+    return "it does not subsample" if module.stride == (1, 1) else None
+
+
+def _two(value: int | tuple[int, ...]) -> tuple[int, int]:
+    return (value, value) if isinstance(value, int) else (value[0], value[1])

@@ -1,0 +1,55 @@
+r"""The pull kernel of push-pull inhibition: the push kernel stretched by a factor h.
+
+Stretching is linear and separable. With corners aligned, a kernel of :math:`s` rows becomes one of :math:`K` rows by
+the matrix :math:`A` (:math:`K \times s`) of hat functions, :math:`A_{ti} = \max(0, 1 - |t (s-1)/(K-1) - i|)`, so that
+
+.. math:: U(W) = A_v \, W \, A_h^\top .
+
+For :math:`s = 3, K = 7` the columns of A are (1, 2/3, 1/3, 0, 0, 0, 0), (0, 1/3, 2/3, 1, 2/3, 1/3, 0) and the mirror of
+the first: whole hats inside, half hats at both ends.
+
+Source: N. Strisciuglio, M. Lopez-Antequera, N. Petkov, "Enhanced robustness of convolutional networks with a push-pull
+inhibition layer", Neural Computing and Applications 32, 2020, section 3.1; the matrix form follows from it.
+"""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+
+def pull_kernel_size(size: int, scale: float) -> int:
+    """Side of the pull kernel: the largest odd integer not above ``size * scale``, plus two if that was even.
+
+    ``K = floor(s h) + 1 - (floor(s h) mod 2)``; for ``h = 2`` sizes 3, 5, 7 give 7, 11, 15. ``h = 1`` keeps the size,
+    and a 1x1 kernel has no pattern to stretch: ``h = 2`` makes it a 3x3 box.
+    """
+    if scale == 1:
+        return size
+    stretched = math.floor(size * scale)
+    return stretched + 1 - stretched % 2
+
+
+def interpolation_matrix(
+    size: int, pull_size: int, *, dtype: torch.dtype | None = None, device: torch.device | str | None = None
+) -> Float[Tensor, "K s"]:
+    """The matrix A that stretches ``size`` taps to ``pull_size``, bilinearly and with aligned corners.
+
+    Every row sums to one; ``size = 1`` gives a column of ones.
+    """
+    positions = torch.linspace(0, size - 1, pull_size, dtype=torch.float64, device=device)
+    taps = torch.arange(size, dtype=torch.float64, device=device)
+    return (1 - (positions[:, None] - taps).abs()).clamp(min=0).to(dtype or torch.get_default_dtype())
+
+
+def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[Tensor, "o c KH KW"]:
+    """The pull kernel ``k ↑ h`` before its sign is turned: ``weight`` stretched bilinearly with its corners aligned.
+
+    There is no renormalisation, as in the paper's code: the L1 norm grows about 3.9 times for size 3 and ``h = 2``.
+    """
+    size = (pull_kernel_size(weight.shape[2], scale), pull_kernel_size(weight.shape[3], scale))
+    if size == weight.shape[2:]:
+        return weight
+    return F.interpolate(weight, size=size, mode="bilinear", align_corners=True)

@@ -1,0 +1,236 @@
+r"""Push-pull with a contrast-inverted kernel and an averaged pull response: the layer of 2024.
+
+.. math:: P = \Theta(W * I) - \alpha\,\Theta(\mathrm{avg}(W^- * I)) + b, \qquad
+          W^-_o = -W_o + c_o, \quad c_o = \max W_o + \min W_o
+
+The maximum and minimum are over the kernel of output channel o, so that its pull kernel has the range of the push
+kernel with its contrast inverted. ``avg`` is the mean over a square around each response, of the responses that exist
+(none beyond the border). Where the layer of 2020 stretches the kernel and adds the bias within, this one smooths the
+response and adds the bias after.
+
+Since the pull kernel is the negated push kernel plus a constant, the pull needs no second convolution:
+
+.. math:: W^-_o * I = -\,W_o * I + c_o \, (\mathbb{1} * I),
+
+where :math:`\mathbb{1} * I` sums the image over the kernel's window, once for all output channels of a group. Zero
+padding is included, as the sum pads its window with the same zeros.
+
+Source: G. S. Bennabhaktula, E. Alegre, N. Strisciuglio, G. Azzopardi, "PushPull-Net: Inhibition-driven ResNet robust to
+image corruptions", ICPR 2024, arXiv 2408.04077; the form without a second convolution follows from it. A trained
+strength acts here as ReLU(α), as in the layer of 2020; the authors' may become negative.
+"""
+
+from typing import Literal, get_args
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
+from sextant.layers.strength import Strength, check_strength, strength_buffer
+
+AvgChoice = Literal["box", "direct"]
+
+
+def contrast_offset(weight: Float[Tensor, "co cg kh kw"]) -> Float[Tensor, "co"]:
+    """:math:`c_o`, the largest plus the smallest weight of each output channel."""
+    return weight.amax((1, 2, 3)) + weight.amin((1, 2, 3))
+
+
+def push_pull_avg(
+    x: Float[Tensor, "*b ci h w"],
+    weight: Float[Tensor, "co cg kh kw"],
+    bias: Float[Tensor, "co"] | None = None,
+    *,
+    average: int = 3,
+    alpha: float | Float[Tensor, "co"] = 1.0,
+    stride: int | tuple[int, int] = 1,
+    padding: Padding = 0,
+    dilation: int | tuple[int, int] = 1,
+    groups: int = 1,
+    padding_mode: PaddingMode = "zeros",
+    impl: AvgChoice = "box",
+) -> Float[Tensor, "*b co H W"]:
+    r""":math:`\Theta(W * I) - \alpha\,\Theta(\mathrm{avg}(W^- * I)) + b`, see the module's description.
+
+    The output has the size that the plain convolution would have. With ``alpha=0`` it is ``relu(conv(x)) + bias``.
+
+    Args:
+        average: side of the square over which the pull is averaged, in responses; odd; 1 leaves it as it is.
+        alpha: strength of the inhibition, one number or one a channel, at least 0.
+        impl: ``box`` needs no second convolution, ``direct`` does; only rounding and time depend on it.
+        other arguments: as in ``torch.nn.functional.conv2d``, with the padding modes of ``torch.nn.Conv2d``.
+
+    Raises:
+        ValueError: ``average`` is even or below 1, there is no such ``impl``, or as ``ConvGeometry.of``.
+    """
+    if average < 1 or average % 2 == 0:
+        raise ValueError(f"average must be odd and at least 1, got {average}")
+    if impl not in ("box", "direct"):
+        raise ValueError(f"impl must be box or direct, got {impl!r}")
+    geometry = ConvGeometry.of((weight.shape[2], weight.shape[3]), stride, padding, dilation, groups, padding_mode)
+    push = geometry.convolve(x, weight, None)
+    offset = contrast_offset(weight)
+    # the negated pull, averaged but not yet divided by how many responses each mean has
+    if impl == "direct":
+        negated = _sums_nearby(geometry.convolve(x, weight - offset.view(-1, 1, 1, 1), None), average)
+    else:
+        brightness = _sums_nearby(window_sums(x, (weight.shape[2], weight.shape[3]), geometry), average)
+        brightness = brightness.repeat_interleave(weight.shape[0] // groups, dim=-3) if groups > 1 else brightness
+        negated = torch.addcmul(_sums_nearby(push, average), offset.view(-1, 1, 1), brightness, value=-1)
+    inhibition = negated.clamp_max_(0)
+    strength = alpha.view(-1, 1, 1) if isinstance(alpha, Tensor) else alpha
+    if average > 1:
+        strength = strength / _sums_nearby(push.new_ones(1, *push.shape[-2:]), average)  # the divisor is positive
+    push = push.relu_() if average == 1 or impl == "direct" else F.relu(push)
+    if isinstance(strength, Tensor):
+        response = torch.addcmul(push, strength, inhibition)
+    else:
+        response = torch.add(push, inhibition, alpha=strength)
+    return response if bias is None else response + bias.view(-1, 1, 1)
+
+
+def window_sums(
+    x: Float[Tensor, "*b ci h w"], kernel: tuple[int, int], geometry: ConvGeometry
+) -> Float[Tensor, "*b g H W"]:
+    """The image summed over the kernel's window and each group's channels: a convolution with ones."""
+    sums = x.unflatten(-3, (geometry.groups, -1)).sum(-3)
+    bordered, zeros = geometry.with_border(sums)
+    planes = bordered.reshape(-1, 1, *bordered.shape[-2:])  # every plane by itself: (b g, 1, h, w)
+    planes = F.conv2d(planes, x.new_ones(1, 1, *kernel), None, geometry.stride, zeros, geometry.dilation)
+    return planes.view(*sums.shape[:-2], *planes.shape[-2:])
+
+
+def _sums_nearby(responses: Float[Tensor, "*b c h w"], side: int) -> Float[Tensor, "*b c h w"]:
+    """Sums over a square around each place; a convolution, which is several times faster here than a mean pooling."""
+    if side == 1:
+        return responses
+    channels = responses.shape[-3]
+    return F.conv2d(responses, responses.new_ones(channels, 1, side, side), padding=side // 2, groups=channels)
+
+
+class PushPullAvgConv2d(nn.Conv2d):
+    """A drop-in for ``torch.nn.Conv2d``: see :func:`push_pull_avg` for the equation.
+
+    It has the parameters of the convolution it replaces, and one more a channel only if ``train_alpha``: then the
+    strengths start uniform in [0, 1] and act as ReLU(α). Unlike push-pull it has no setting that is the convolution.
+
+    Args:
+        average: side of the square over which the pull is averaged; odd; 1 leaves it as it is.
+        alpha: inhibition strength, at least 0, one number or one a channel; ignored if ``train_alpha``.
+        train_alpha: learn one strength a channel.
+        impl: ``box`` or ``direct``, as in :func:`push_pull_avg`.
+        other arguments: as in ``torch.nn.Conv2d``; kernels of any size, even sides included.
+
+    Raises:
+        ValueError: ``average`` is even or below 1, ``alpha < 0``, or there is no such ``impl``.
+    """
+
+    alpha: float | Tensor
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        kernel_size: int | tuple[int, int],
+        stride: int | tuple[int, int] = 1,
+        padding: Padding = 0,
+        dilation: int | tuple[int, int] = 1,
+        groups: int = 1,
+        bias: bool = True,
+        padding_mode: PaddingMode = "zeros",
+        *,
+        average: int = 3,
+        alpha: Strength = 1.0,
+        train_alpha: bool = False,
+        impl: AvgChoice = "box",
+        device: torch.device | str | None = None,
+        dtype: torch.dtype | None = None,
+    ):
+        super().__init__(
+            in_channels, out_channels, kernel_size, stride, padding, dilation, groups, bias, padding_mode, device, dtype
+        )
+        if average < 1 or average % 2 == 0:
+            raise ValueError(f"average must be odd and at least 1, got {average}")
+        check_strength(alpha, out_channels)
+        if impl not in get_args(AvgChoice):
+            raise ValueError(f"impl must be one of {', '.join(get_args(AvgChoice))}, got {impl!r}")
+        self.average = average
+        self.impl: AvgChoice = impl
+        if train_alpha:
+            self.alpha = nn.Parameter(torch.empty(out_channels, device=device, dtype=dtype).uniform_(0, 1))
+        else:
+            strength_buffer(self, alpha)
+
+    @classmethod
+    def from_conv(
+        cls,
+        conv: nn.Conv2d,
+        *,
+        average: int = 3,
+        alpha: Strength = 1.0,
+        train_alpha: bool = False,
+        impl: AvgChoice = "box",
+    ) -> "PushPullAvgConv2d":
+        """The layer with the geometry of ``conv``, sharing its weight and bias parameters."""
+        layer = cls(
+            conv.in_channels,
+            conv.out_channels,
+            conv.kernel_size,  # type: ignore[arg-type]
+            conv.stride,  # type: ignore[arg-type]
+            conv.padding,  # type: ignore[arg-type]
+            conv.dilation,  # type: ignore[arg-type]
+            conv.groups,
+            conv.bias is not None,
+            conv.padding_mode,
+            average=average,
+            alpha=alpha,
+            train_alpha=train_alpha,
+            impl=impl,
+            device="meta" if not train_alpha else conv.weight.device,
+            dtype=conv.weight.dtype,
+        )
+        layer.weight, layer.bias = conv.weight, conv.bias
+        if not train_alpha:
+            layer.set_strength(alpha)  # on the device of the weights
+        return layer.train(conv.training)
+
+    def set_strength(self, alpha: Strength) -> None:
+        """Change the inhibition of a layer in use; trained strengths are overwritten.
+
+        Raises:
+            ValueError: as the constructor.
+        """
+        check_strength(alpha, self.out_channels)
+        strength_buffer(self, alpha)
+
+    def strengths(self) -> float | Float[Tensor, "co"]:
+        """α as it acts: trained ones after their ReLU."""
+        return F.relu(self.alpha) if isinstance(self.alpha, nn.Parameter) else self.alpha
+
+    def implementation(self, height: int, width: int) -> AvgChoice:
+        """How the pull of an image of this size is computed; a run can record it."""
+        return self.impl
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Apply :func:`push_pull_avg` with this layer's parameters; shapes as in ``torch.nn.Conv2d``."""
+        return push_pull_avg(
+            x,
+            self.weight,
+            self.bias,
+            average=self.average,
+            alpha=self.strengths(),
+            stride=self.stride,  # type: ignore[arg-type]
+            padding=self.padding,  # type: ignore[arg-type]
+            dilation=self.dilation,  # type: ignore[arg-type]
+            groups=self.groups,
+            padding_mode=self.padding_mode,
+            impl=self.impl,
+        )
+
+    def extra_repr(self) -> str:
+        """The convolution's description, with the averaging and α."""
+        fixed = "a channel" if isinstance(self.alpha, Tensor) else self.alpha
+        alpha = "trained" if isinstance(self.alpha, nn.Parameter) else fixed
+        return f"{super().extra_repr()}, average={self.average}, alpha={alpha}"

@@ -1,0 +1,60 @@
+"""The strength α of inhibition: one number, one a channel, or trained; and how to bring it in gradually."""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import torch
+from torch import Tensor, nn
+
+Strength: TypeAlias = float | Sequence[float]
+
+
+def check_strength(alpha: Strength, channels: int) -> None:
+    """Refuse what is no strength.
+
+    Raises:
+        ValueError: it is negative or not finite, or there is not one a channel.
+    """
+    values = torch.as_tensor(alpha, dtype=torch.float64)
+    if not bool((values >= 0).all() and values.isfinite().all()) or values.shape not in ((), (channels,)):
+        raise ValueError(f"alpha must be >= 0, one number or one for each of {channels} channels; got {alpha}")
+
+
+def strength_buffer(layer: nn.Conv2d, alpha: Strength) -> None:
+    """Set ``layer.alpha``: a number as it is, one a channel as a buffer outside the state dict, a trained one in place.
+
+    The buffer stays out of the state dict so that it has the keys of the convolution.
+    """
+    present = layer._parameters.get("alpha")
+    if present is not None:
+        with torch.no_grad():
+            present.copy_(torch.as_tensor(alpha, dtype=present.dtype))
+        return
+    layer._buffers.pop("alpha", None)
+    layer.__dict__.pop("alpha", None)
+    if isinstance(alpha, Sequence | Tensor):
+        values = torch.as_tensor(alpha, dtype=layer.weight.dtype, device=layer.weight.device)
+        layer.register_buffer("alpha", values.expand(layer.out_channels).clone(), persistent=False)
+    else:
+        layer.alpha = alpha  # type: ignore[assignment]
+
+
+def strength_path(progress: float, *, alpha: float, scale: float) -> tuple[float, float]:
+    """Strength and scale on a continuous way from the convolution (h = 1, α = 1) to inhibition (h, α).
+
+    Kernel sizes are odd integers, so that raising h makes the response jump, unless α is zero. In the first half α
+    falls from 1 to 0 with h = 1: a leaky ReLU that becomes a ReLU. There h changes without effect, and in the second
+    half α rises to its end.
+
+    Args:
+        progress: from 0 to 1; beyond, the ends.
+        alpha: the strength at the end.
+        scale: h in the second half.
+
+    Returns:
+        ``(alpha, scale)`` for ``PushPullConv2d.set_strength``.
+    """
+    progress = min(max(progress, 0.0), 1.0)
+    if progress < 0.5:
+        return 1 - 2 * progress, 1.0
+    return (2 * progress - 1) * alpha, scale
