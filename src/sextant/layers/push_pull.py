@@ -12,13 +12,14 @@ from typing import Literal, get_args
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
 from sextant.layers.implementation import PullShape, choose_implementation
+from sextant.layers.inhibited_conv import InhibitedConv2d
 from sextant.layers.pull_kernel import pull_kernel_size
 from sextant.layers.pull_response import Implementation, pull_response
-from sextant.layers.strength import Strength, check_strength, strength_buffer
+from sextant.layers.strength import Strength
 
 Choice = Literal["auto", "direct", "rows", "factorised"]
 
@@ -102,7 +103,7 @@ def pull_implementation(
     return choose_implementation(shape)
 
 
-class PushPullConv2d(nn.Conv2d):
+class PushPullConv2d(InhibitedConv2d):
     """A drop-in for ``torch.nn.Conv2d`` with push-pull inhibition; see :func:`push_pull` for the equation.
 
     It has the parameters of the convolution it replaces, and one more a channel only if ``train_alpha``: then the
@@ -119,8 +120,6 @@ class PushPullConv2d(nn.Conv2d):
     Raises:
         ValueError: ``scale < 1``, ``alpha < 0``, an even kernel side with ``scale > 1``, or an unknown ``impl``.
     """
-
-    alpha: float | Tensor
 
     def __init__(
         self,
@@ -145,50 +144,15 @@ class PushPullConv2d(nn.Conv2d):
             in_channels, out_channels, kernel_size, stride, padding, dilation, groups, bias, padding_mode, device, dtype
         )
         self._check_scale(scale)
-        check_strength(alpha, out_channels)
         if impl not in get_args(Choice):
             raise ValueError(f"impl must be one of {', '.join(get_args(Choice))}, got {impl!r}")
         self.scale = scale
         self.impl: Choice = impl
         if train_alpha:
             spread = 1 / math.sqrt(in_channels * out_channels)
-            start = torch.empty(out_channels, device=device, dtype=dtype).uniform_(0.5 - spread, 0.5 + spread)
-            self.alpha = nn.Parameter(start)
+            self._train_alpha(0.5 - spread, 0.5 + spread)
         else:
-            strength_buffer(self, alpha)
-
-    @classmethod
-    def from_conv(
-        cls,
-        conv: nn.Conv2d,
-        *,
-        scale: float = 2.0,
-        alpha: Strength = 1.0,
-        train_alpha: bool = False,
-        impl: Choice = "auto",
-    ) -> "PushPullConv2d":
-        """The push-pull layer with the geometry of ``conv``, sharing its weight and bias parameters."""
-        layer = cls(
-            conv.in_channels,
-            conv.out_channels,
-            conv.kernel_size,  # type: ignore[arg-type]
-            conv.stride,  # type: ignore[arg-type]
-            conv.padding,  # type: ignore[arg-type]
-            conv.dilation,  # type: ignore[arg-type]
-            conv.groups,
-            conv.bias is not None,
-            conv.padding_mode,
-            scale=scale,
-            alpha=alpha,
-            train_alpha=train_alpha,
-            impl=impl,
-            device="meta" if not train_alpha else conv.weight.device,
-            dtype=conv.weight.dtype,
-        )
-        layer.weight, layer.bias = conv.weight, conv.bias
-        if not train_alpha:
-            layer.set_strength(alpha)  # on the device of the weights
-        return layer.train(conv.training)
+            self._set_alpha(alpha)
 
     def set_strength(self, alpha: Strength | None = None, scale: float | None = None) -> None:
         """Change the inhibition of a layer in use; None keeps what there is. Trained strengths are overwritten.
@@ -203,12 +167,7 @@ class PushPullConv2d(nn.Conv2d):
             self._check_scale(scale)
             self.scale = scale
         if alpha is not None:
-            check_strength(alpha, self.out_channels)
-            strength_buffer(self, alpha)
-
-    def strengths(self) -> float | Float[Tensor, "co"]:
-        """α as it acts: trained ones after their ReLU."""
-        return F.relu(self.alpha) if isinstance(self.alpha, nn.Parameter) else self.alpha
+            self._set_alpha(alpha)
 
     def implementation(self, height: int, width: int) -> Implementation:
         """How the pull of an image of this size is computed; a run can record it."""
@@ -234,9 +193,7 @@ class PushPullConv2d(nn.Conv2d):
 
     def extra_repr(self) -> str:
         """The convolution's description, with h and α."""
-        fixed = "a channel" if isinstance(self.alpha, Tensor) else self.alpha
-        alpha = "trained" if isinstance(self.alpha, nn.Parameter) else fixed
-        return f"{super().extra_repr()}, scale={self.scale}, alpha={alpha}"
+        return f"{super().extra_repr()}, scale={self.scale}, alpha={self._described_alpha()}"
 
     def _check_scale(self, scale: float) -> None:
         if scale < 1 or (scale > 1 and any(side % 2 == 0 for side in self.kernel_size)):

@@ -25,10 +25,11 @@ from typing import Literal, get_args
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
-from sextant.layers.strength import Strength, check_strength, strength_buffer
+from sextant.layers.inhibited_conv import InhibitedConv2d
+from sextant.layers.strength import Strength
 
 AvgChoice = Literal["box", "direct"]
 
@@ -110,7 +111,7 @@ def _sums_nearby(responses: Float[Tensor, "*b c h w"], side: int) -> Float[Tenso
     return F.conv2d(responses, responses.new_ones(channels, 1, side, side), padding=side // 2, groups=channels)
 
 
-class PushPullAvgConv2d(nn.Conv2d):
+class PushPullAvgConv2d(InhibitedConv2d):
     """A drop-in for ``torch.nn.Conv2d``: see :func:`push_pull_avg` for the equation.
 
     It has the parameters of the convolution it replaces, and one more a channel only if ``train_alpha``: then the
@@ -126,8 +127,6 @@ class PushPullAvgConv2d(nn.Conv2d):
     Raises:
         ValueError: ``average`` is even or below 1, ``alpha < 0``, or there is no such ``impl``.
     """
-
-    alpha: float | Tensor
 
     def __init__(
         self,
@@ -153,48 +152,14 @@ class PushPullAvgConv2d(nn.Conv2d):
         )
         if average < 1 or average % 2 == 0:
             raise ValueError(f"average must be odd and at least 1, got {average}")
-        check_strength(alpha, out_channels)
         if impl not in get_args(AvgChoice):
             raise ValueError(f"impl must be one of {', '.join(get_args(AvgChoice))}, got {impl!r}")
         self.average = average
         self.impl: AvgChoice = impl
         if train_alpha:
-            self.alpha = nn.Parameter(torch.empty(out_channels, device=device, dtype=dtype).uniform_(0, 1))
+            self._train_alpha(0, 1)
         else:
-            strength_buffer(self, alpha)
-
-    @classmethod
-    def from_conv(
-        cls,
-        conv: nn.Conv2d,
-        *,
-        average: int = 3,
-        alpha: Strength = 1.0,
-        train_alpha: bool = False,
-        impl: AvgChoice = "box",
-    ) -> "PushPullAvgConv2d":
-        """The layer with the geometry of ``conv``, sharing its weight and bias parameters."""
-        layer = cls(
-            conv.in_channels,
-            conv.out_channels,
-            conv.kernel_size,  # type: ignore[arg-type]
-            conv.stride,  # type: ignore[arg-type]
-            conv.padding,  # type: ignore[arg-type]
-            conv.dilation,  # type: ignore[arg-type]
-            conv.groups,
-            conv.bias is not None,
-            conv.padding_mode,
-            average=average,
-            alpha=alpha,
-            train_alpha=train_alpha,
-            impl=impl,
-            device="meta" if not train_alpha else conv.weight.device,
-            dtype=conv.weight.dtype,
-        )
-        layer.weight, layer.bias = conv.weight, conv.bias
-        if not train_alpha:
-            layer.set_strength(alpha)  # on the device of the weights
-        return layer.train(conv.training)
+            self._set_alpha(alpha)
 
     def set_strength(self, alpha: Strength) -> None:
         """Change the inhibition of a layer in use; trained strengths are overwritten.
@@ -202,12 +167,7 @@ class PushPullAvgConv2d(nn.Conv2d):
         Raises:
             ValueError: as the constructor.
         """
-        check_strength(alpha, self.out_channels)
-        strength_buffer(self, alpha)
-
-    def strengths(self) -> float | Float[Tensor, "co"]:
-        """α as it acts: trained ones after their ReLU."""
-        return F.relu(self.alpha) if isinstance(self.alpha, nn.Parameter) else self.alpha
+        self._set_alpha(alpha)
 
     def implementation(self, height: int, width: int) -> AvgChoice:
         """How the pull of an image of this size is computed; a run can record it."""
@@ -231,6 +191,4 @@ class PushPullAvgConv2d(nn.Conv2d):
 
     def extra_repr(self) -> str:
         """The convolution's description, with the averaging and α."""
-        fixed = "a channel" if isinstance(self.alpha, Tensor) else self.alpha
-        alpha = "trained" if isinstance(self.alpha, nn.Parameter) else fixed
-        return f"{super().extra_repr()}, average={self.average}, alpha={alpha}"
+        return f"{super().extra_repr()}, average={self.average}, alpha={self._described_alpha()}"
