@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sextant.corruptions import cifar10_c, imagenet_c
 from sextant.evaluation.corruption_baseline import CorruptionBaseline
 from sextant.evaluation.corruption_error import (
     ALL_19,
@@ -113,3 +114,8 @@ def test_the_error_is_the_share_of_wrong_predictions():
 def test_what_cannot_be_scored_is_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_the_sets_of_the_metrics_are_those_that_are_made():
+    assert set(BENCHMARK_15) == set(cifar10_c("benchmark15"))
+    assert set(ALL_19) == set(cifar10_c()) == set(imagenet_c())

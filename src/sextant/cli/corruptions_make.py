@@ -88,8 +88,8 @@ def _make(
 
     recipe = making.Recipe(benchmark, mode, seed, making.images_digest(images), __version__)
     making.begin(folder, recipe, chosen)
-    todo, began = making.missing(folder, chosen, images), time.monotonic()
-    if (needed := sum(todo.values())) > (free := shutil.disk_usage(folder).free):
+    remaining, began = making.missing(folder, chosen, images), time.monotonic()
+    if (needed := sum(remaining.values())) > (free := shutil.disk_usage(folder).free):
         raise UserError(
             f"{folder} needs {_megabytes(needed)}, {_megabytes(free)} is free",
             "Free some space, choose another output=, or fewer names= or severities=",
@@ -105,12 +105,16 @@ def _make(
             done += images
             progress(done, total)
 
-        for name, size in todo.items():
+        for name, size in remaining.items():
             making.write_corruption(folder / f"{name}.npy", chosen[name], images, recipe, device, advance)
             console.print(f"{escape(name)}.npy: {_megabytes(size)}")
     seconds = time.monotonic() - began
     rows = {"images": f"{len(images):,} of {' x '.join(map(str, images.shape[1:]))}", "mode": mode, "seed": str(seed)}
-    rows |= {"made": f"{len(todo)} corruptions", "kept": f"{len(chosen) - len(todo)}", "seconds": f"{seconds:,.1f}"}
+    rows |= {
+        "made": f"{len(remaining)} corruptions",
+        "kept": f"{len(chosen) - len(remaining)}",
+        "seconds": f"{seconds:,.1f}",
+    }
     console.print(key_value_table(benchmark, rows | {"path": str(folder)}))
     if "frost" in chosen:
         console.print("frost has textures drawn here: errors under it do not compare with published ones")

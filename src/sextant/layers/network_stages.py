@@ -1,7 +1,7 @@
 """Where the first stage of a network lies: after its stem, before the next change of resolution."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import torch
 from torch import Tensor, nn
@@ -69,10 +69,10 @@ def _resolutions(network: nn.Module) -> list[tuple[str, tuple[int, ...], tuple[i
         1, first.in_channels, PROBE_SIDE, PROBE_SIDE, dtype=first.weight.dtype, device=first.weight.device
     )
     try:
-        with evaluating(network), torch.no_grad():
+        # a network may refuse the image at its head: what the convolutions told until then is enough, or the caller
+        # finds that there is too little and says so
+        with suppress(RuntimeError, ValueError, AssertionError), evaluating(network), torch.no_grad():
             network(image)
-    except (RuntimeError, ValueError, AssertionError):
-        pass  # what the convolutions told until then is enough, or there is too little and the caller says so
     finally:
         for handle in hooks:
             handle.remove()
