@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from sextant.cli.compose import compose, to_plain
 
 #: A run of a second or two: two epochs of the digit scans, three test conditions.
@@ -19,3 +21,15 @@ QUICK = (
 def quick_config(outputs: Path, *overrides: str) -> dict[str, Any]:
     """The plain config of a quick run that writes to ``outputs``."""
     return to_plain(compose([*QUICK, f"paths.outputs={outputs}", *overrides]))
+
+
+def as_published(network, path, push_pull=(), prefix="", **changes):
+    """Write ``network`` as the authors' script did: renamed keys, a legacy pickle."""
+    state = {}
+    for name, tensor in network.state_dict().items():
+        module, _, last = name.rpartition(".")
+        state[prefix + (f"{module}.push.{last}" if module in push_pull else name)] = tensor
+    torch.save(
+        {"epoch": 7, "state_dict": state, "best_prec1": 91.71, **changes}, path, _use_new_zipfile_serialization=False
+    )
+    return path

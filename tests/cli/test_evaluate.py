@@ -140,3 +140,34 @@ def test_predict_without_images(trained, tmp_path):
     outputs, run = trained
     with pytest.raises(UserError, match="no photo there"):
         predict.main([f"run={run.path}", f"input={tmp_path}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])
+
+
+def test_stored_corruptions_give_the_figures_of_drawn_ones(trained, tmp_path):
+    from sextant.cli import corruptions_make
+
+    outputs, run = trained
+    chosen = "names=gaussian_noise,contrast"
+    corruptions_make.main(["make", "set=cifar10_c", "input=digits", f"output={tmp_path / 'stored'}", chosen])
+    names = "corruption.names=[gaussian_noise,contrast]"
+    drawn = evaluated(outputs, f"run={run.path}", "corruption=cifar10_c", names)
+    stored = evaluated(
+        outputs, f"run={run.path}", "corruption=files", f"corruption.folder={tmp_path / 'stored'}", names
+    )
+    assert stored == drawn
+    assert "corruption.folder" in told(f"run={run.path}", "corruption=files", f"paths.outputs={outputs}")
+
+
+def test_every_kth_test_image(trained):
+    outputs, run = trained
+    evaluated(outputs, f"run={run.path}", "corruption=gaussian", "task.test_every=7")
+    newest = max(outputs.glob("runs/evaluation/*/predictions.npz"), key=lambda path: path.stat().st_mtime_ns)
+    with np.load(newest) as some, np.load(run.arrays) as every:
+        assert np.array_equal(some["labels"], every["labels"][::7])
+        assert np.array_equal(some["clean"], every["clean"][::7])
+
+
+def test_what_a_test_leaves_beside_its_metrics(trained):
+    _, run = trained
+    cost = run.results()["cost"]
+    assert cost["multiplications"] > 0
+    assert cost["inhibition"] == {}

@@ -10,6 +10,7 @@ from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
 
 NEEDED = {
+    "corruption=files": ["corruption.folder=/nowhere"],
     "dataset=image_folder": ["dataset.folder=/nowhere"],
     "dataset=panorama_folder": ["dataset.folder=/nowhere", "task=calibration"],
     "dataset=panorama_mix": ["dataset.sources.real.folder=/nowhere", "task=calibration"],
@@ -42,6 +43,9 @@ def test_composes_validates_and_builds(group, option):
     elif group == "loss":
         low, high = torch.tensor([-0.5, -0.5, 0.5, -1.0]), torch.tensor([0.5, 0.5, 1.5, 0.0])
         assert build(raw, group, space=ParameterSpace(Parameterization(), low, high)) is not None
+    elif choice == "corruption=files":
+        with pytest.raises(UserError, match=r"there is no labels\.npy"):
+            build(raw, group)
     elif group not in NOT_BUILT:
         assert build(raw, group) is not None
 

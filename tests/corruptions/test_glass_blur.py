@@ -4,8 +4,8 @@ import torch
 from scipy import ndimage
 
 from sextant.corruptions import cifar10_c, mnist_c
+from sextant.corruptions.blur.glass_blur import GlassBlur
 from sextant.corruptions.eight_bit import SLACK
-from sextant.corruptions.glass_blur import GlassBlur
 
 ROW = (0.7, 2, 2)
 

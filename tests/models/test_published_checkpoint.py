@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from support import as_published
 
 from sextant.data.cifar10 import CIFAR10
 from sextant.errors import UserError
@@ -27,18 +28,6 @@ def a_resnet(**changes):
 
 def a_densenet():
     return DenseNetCifar(3, (32, 32), 10, depth=10, growth=3)
-
-
-def as_published(network, path, push_pull=(), prefix="", **changes):
-    """Write ``network`` as the authors' script did: renamed keys, a legacy pickle."""
-    state = {}
-    for name, tensor in network.state_dict().items():
-        module, _, last = name.rpartition(".")
-        state[prefix + (f"{module}.push.{last}" if module in push_pull else name)] = tensor
-    torch.save(
-        {"epoch": 7, "state_dict": state, "best_prec1": 91.71, **changes}, path, _use_new_zipfile_serialization=False
-    )
-    return path
 
 
 @pytest.fixture

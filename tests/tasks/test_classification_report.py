@@ -48,7 +48,7 @@ def test_many_conditions_are_shown_at_their_middle_severity():
 def test_a_published_set_has_a_heat_map_in_place_of_curves():
     suite = BenchmarkSuite("mnist_c", names=["stripe", "translate"])
     labels = np.arange(12) % 10
-    result = ClassificationResult(labels, {c.key: labels for c in suite.conditions()})
+    result = ClassificationResult(labels, np.arange(12), {c.key: labels for c in suite.conditions()})
     images = torch.zeros(12, 1, 28, 28, dtype=torch.uint8)
     names = [name for name, _ in result_figures(result, suite, LeNet("A", 1, (28, 28), 10), CLASSES, images)]
     assert names == ["corruption_heatmap", "confusion_matrix", "contact_sheet", "first_kernels"]

@@ -9,7 +9,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 
 from sextant.cli.compose import compose, default_outputs, groups, to_plain
-from sextant.cli.execute import OpenMirror, run_once
+from sextant.cli.execute import OpenMirror, identity_of, run_once
 from sextant.cli.families import Source, family_of
 from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.cli.show import show_result
@@ -20,7 +20,8 @@ from sextant.runs.source_tree import source_sha256
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = (
-    "python evaluate.py run=<MLflow run id, run directory or checkpoint> [dataset=..] [corruption=..] [key=value ..]"
+    "python evaluate.py run=<MLflow run id, run directory, checkpoint or published .pth.tar> "
+    "[dataset=..] [corruption=..] [key=value ..]"
 )
 #: What may differ from training; the rest belongs to the weights.
 FREE = ("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse")
@@ -34,9 +35,10 @@ def main(arguments: Sequence[str]) -> None:
         return
     reference, overrides = split_run(arguments, USAGE)
     found = resolve_run(reference, _outputs(overrides))
-    from sextant.runs.checkpoint import KEY, load_checkpoint
+    from sextant.cli.trained_model import read_trained
+    from sextant.runs.checkpoint import KEY
 
-    content = load_checkpoint(found.checkpoint)
+    content = read_trained(found.checkpoint)
     raw, config = checkpoint_config(content[KEY], overrides)
     family = family_of(config.task.name)
     source = family.source(raw, config)
@@ -141,7 +143,7 @@ def _set(config: dict[str, Any], key: str, value: Any, text: str) -> None:
 
 
 def _key(config: Config, source: Source, found: FoundRun) -> RunKey:
-    identity = digest({**config.model_dump(by_alias=True), "checkpoint": found.identity})
+    identity = digest({**identity_of(config), "checkpoint": found.identity})
     code = source_sha256(config.custom_targets())
     return RunKey("evaluation", identity, config.seed, code, source.fingerprint())
 

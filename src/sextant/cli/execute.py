@@ -15,6 +15,7 @@ from sextant.cli.console import console
 from sextant.cli.families import Source, family_of
 from sextant.cli.resolve import resolve_run
 from sextant.config import Config, digest, validate
+from sextant.config.schema.corruptions import StoredSuite
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
@@ -55,11 +56,20 @@ def run_key(config: Config, source: Source, seed: int | None = None) -> RunKey:
 
 
 def run_digest(config: Config) -> str:
-    """Digest of a typed config, in which 2 and 2.0 are one number; weights it starts from enter by their hash."""
+    """Digest of a typed config, in which 2 and 2.0 are one number."""
+    return digest(identity_of(config))
+
+
+def identity_of(config: Config) -> dict[str, Any]:
+    """A typed config as plain values, with what its files hold in place of where they lie."""
     typed = config.model_dump(by_alias=True)
     if config.init_from is not None:
         typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs)).identity
-    return digest(typed)
+    if isinstance(config.corruption, StoredSuite):
+        from sextant.corruptions.stored_suite import folder_identity
+
+        typed["corruption"]["folder"] = folder_identity(config.corruption.folder)
+    return typed
 
 
 def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:

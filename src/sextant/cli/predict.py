@@ -55,9 +55,10 @@ def main(arguments: Sequence[str]) -> None:
     except OSError as error:
         raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
     found = _find_run(given)
-    from sextant.runs.checkpoint import KEY, load_checkpoint
+    from sextant.cli.trained_model import read_trained
+    from sextant.runs.checkpoint import KEY
 
-    trained = load_checkpoint(found.checkpoint)[KEY]
+    trained = read_trained(found.checkpoint)[KEY]
     trust = given.get("trust") == "true"
     if trained["task"] == "calibration":
         _calibrate(trained, found.checkpoint, paths, output, options, trust)
@@ -107,14 +108,15 @@ def _classify(
 
     from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.families.classification import image_spec
+    from sextant.cli.trained_model import read_trained
     from sextant.cli.training import model_from_checkpoint
-    from sextant.runs.checkpoint import KEY, load_checkpoint
+    from sextant.runs.checkpoint import KEY
 
-    content = load_checkpoint(checkpoint)
+    content = read_trained(checkpoint)
     spec = image_spec(content[KEY]["spec"])
     if spec.height != spec.width:
         raise UserError(f"{checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to fit")
-    raw, config = checkpoint_config(content[KEY], ["trust=true"] if trust else [])
+    raw, config = checkpoint_config(content[KEY], ["corruption=none", *(["trust=true"] if trust else [])])
     module = model_from_checkpoint(raw, config, checkpoint)
     rows: list[dict[str, Any]] = []
     pictures: list[tuple[np.ndarray, str]] = []

@@ -14,6 +14,7 @@ from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.families import Source, family_of
 from sextant.cli.progress import TrainingProgress
 from sextant.cli.resolve import resolve_run
+from sextant.cli.trained_model import read_trained
 from sextant.config import Config
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
@@ -47,7 +48,7 @@ def train_and_test(
     module = family.module(raw, spec, training=True)
     if config.init_from is not None:
         checkpoint = resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint
-        _load_weights(module, load_checkpoint(checkpoint), checkpoint)
+        _load_weights(module, read_trained(checkpoint), checkpoint)
     logger = RunLogger(directory, mirror)
     callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]
     if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
@@ -97,7 +98,7 @@ def require_device(config: Config) -> None:
 
 def model_from_checkpoint(raw: Mapping[str, Any], config: Config, checkpoint: Path) -> Any:
     """The trained module in a checkpoint, built from ``raw``: its own config, perhaps with other test conditions."""
-    content = load_checkpoint(checkpoint)
+    content = read_trained(checkpoint)
     module = family_of(config.task.name).module(raw, content[KEY]["spec"], training=False)
     _load_weights(module, content, checkpoint)
     return module.eval()
@@ -177,7 +178,7 @@ def _with_record(
         save_figure(figure, directory.figures, name)
     parameters = sum(parameter.numel() for parameter in module.parameters())
     table = {"table": record.table} if record.table else {}
-    return results | {"metrics": results["metrics"] | record.metrics, "parameters": parameters} | table
+    return results | {"metrics": results["metrics"] | record.metrics, "parameters": parameters} | table | record.facts
 
 
 def _load_weights(module: pl.LightningModule, content: Mapping[str, Any], checkpoint: Path) -> None:

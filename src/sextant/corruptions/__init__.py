@@ -1,11 +1,13 @@
 """Seeded, batched image corruptions: parameters are drawn, then applied."""
 
 from sextant.corruptions.benchmark_corruption import SEVERITIES, BenchmarkCorruption, Mode
-from sextant.corruptions.benchmark_suite import BenchmarkSuite, Protocol, benchmark_set, cifar10_c, imagenet_c, mnist_c
-from sextant.corruptions.contrast_poisson import ContrastPoisson
+from sextant.corruptions.benchmark_suite import BenchmarkSuite, benchmark_set, cifar10_c, imagenet_c, mnist_c
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.eight_bit import eight_bit, to_bytes
-from sextant.corruptions.gaussian_noise import GaussianNoise
+from sextant.corruptions.noise.contrast_poisson import ContrastPoisson
+from sextant.corruptions.noise.gaussian_noise import GaussianNoise
+from sextant.corruptions.protocol import Protocol
+from sextant.corruptions.stored_suite import StoredSuite
 from sextant.corruptions.suite import Condition, CorruptionSuite
 
 __all__ = [
@@ -19,6 +21,7 @@ __all__ = [
     "GaussianNoise",
     "Mode",
     "Protocol",
+    "StoredSuite",
     "benchmark_set",
     "cifar10_c",
     "eight_bit",

@@ -1,7 +1,6 @@
 """A published benchmark set as a suite, with its protocol."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from typing import Any
 
 from jaxtyping import Float, Int64
@@ -9,6 +8,7 @@ from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.eight_bit import eight_bit
+from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.sets import CIFAR10_C, IMAGENET_C, MNIST_C
 from sextant.corruptions.sets.benchmark_set import BenchmarkSet
 from sextant.corruptions.suite import Condition, CorruptionSuite
@@ -43,35 +43,6 @@ def mnist_c(names: Names = None, severities: Sequence[int] | None = None, mode: 
 def imagenet_c(names: Names = None, severities: Sequence[int] | None = None, mode: Mode = "faithful") -> Chosen:
     """Corruptions of ImageNet-C by name; see :meth:`.BenchmarkSet.build`."""
     return IMAGENET_C.build(names, severities, mode)
-
-
-@dataclass(frozen=True)
-class Protocol:
-    """What a report has to state about corrupted images.
-
-    Attributes:
-        set: which published set.
-        title: its name and source.
-        severities: those tested, by corruption, in the published order.
-        mode: ``faithful`` to the authors' code, or ``corrected``.
-        rounding: how images become 8 bits, as in the published files.
-        baseline: what corruption errors of the set are divided by.
-        image_size: of the images the set was published for.
-        seed: of all random draws.
-    """
-
-    set: str
-    title: str
-    severities: Mapping[str, tuple[float, ...]]
-    mode: Mode
-    rounding: str
-    baseline: str
-    image_size: int
-    seed: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """For a file of results."""
-        return asdict(self)
 
 
 class BenchmarkSuite(CorruptionSuite):

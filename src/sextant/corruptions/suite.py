@@ -8,6 +8,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sextant.corruptions.corruption import Corruption
+from sextant.corruptions.protocol import Protocol
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,12 @@ class CorruptionSuite:
     Args:
         corruptions: corruptions by name; the empty mapping tests clean images alone.
         seed: of all random draws.
+
+    Attributes:
+        protocol: of a published set; None for conditions of one's own.
     """
+
+    protocol: Protocol | None = None
 
     def __init__(self, corruptions: Mapping[str, Corruption[Any]] | None = None, seed: int = 0):
         self.corruptions = dict(corruptions or {})
@@ -50,3 +56,6 @@ class CorruptionSuite:
         if condition.corruption is None or condition.level is None:
             return images
         return self.corruptions[condition.corruption](images, condition.level, indices, self.seed)
+
+    def check_labels(self, labels: Int64[Tensor, "b"], indices: Int64[Tensor, "b"]) -> None:
+        """Raise a ``UserError`` if the images at ``indices`` cannot be those with ``labels``; for stored images."""

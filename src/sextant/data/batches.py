@@ -56,6 +56,7 @@ class EpochBatches(Sampler[Tensor]):
         seed: of the shuffling; None keeps the order.
         rank, ranks: this process among those that share the epoch; each takes every ``ranks``-th batch, and the last
             batches that would not go round are left out.
+        every: take every k-th image.
         numbered: give ``index + epoch * count`` instead of the index, for images that differ from epoch to epoch.
     """
 
@@ -67,9 +68,10 @@ class EpochBatches(Sampler[Tensor]):
         rank: int = 0,
         ranks: int = 1,
         *,
+        every: int = 1,
         numbered: bool = False,
     ):
-        self.count, self.batch_size, self.seed = count, batch_size, seed
+        self.count, self.batch_size, self.seed, self.every = count, batch_size, seed, every
         self.rank, self.ranks, self.numbered = rank, ranks, numbered
         self.epoch = 0
 
@@ -78,14 +80,14 @@ class EpochBatches(Sampler[Tensor]):
         self.epoch = epoch
 
     def __len__(self) -> int:
-        batches = -(-self.count // self.batch_size)
+        batches = len(range(0, self.count, self.every * self.batch_size))
         return batches // self.ranks if self.ranks > 1 else batches
 
     def __iter__(self) -> Iterator[Tensor]:
-        order = torch.arange(self.count)
+        order = torch.arange(0, self.count, self.every)
         if self.seed is not None:
             generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.epoch)
-            order = torch.randperm(self.count, generator=generator)
+            order = order[torch.randperm(len(order), generator=generator)]
         if self.numbered:
             order = order + self.epoch * self.count
         batches = order.split(self.batch_size)

@@ -22,6 +22,7 @@ class ImageData(pl.LightningDataModule):
         split_seed: of that choice, apart from the run's seed: every run of a sweep has the same three splits.
         seed: of the order of the training images, and of their augmentation.
         augmentation: changes training images; None leaves them as they are.
+        test_every: test every k-th image alone, the first included.
         workers: processes that fetch batches; 0 fetches in the training process, the fastest for images in memory.
     """
 
@@ -35,6 +36,7 @@ class ImageData(pl.LightningDataModule):
         split_seed: int,
         seed: int,
         augmentation: Augmentation | None = None,
+        test_every: int = 1,
         workers: int = 0,
     ):
         super().__init__()
@@ -42,6 +44,7 @@ class ImageData(pl.LightningDataModule):
         self.batch_size, self.eval_batch_size = batch_size, eval_batch_size
         self.validation_fraction, self.split_seed = validation_fraction, split_seed
         self.seed, self.workers = seed, workers
+        self.test_every = test_every
         self.augmentation = augmentation or NoAugmentation()
         self._splits: dict[str, ImageBatches] = {}
 
@@ -81,9 +84,9 @@ class ImageData(pl.LightningDataModule):
         return self._loader(images, EpochBatches(len(images), self.eval_batch_size))
 
     def test_dataloader(self) -> DataLoader[Batch]:
-        """Test batches in order."""
+        """Batches of every ``test_every``-th test image, in order."""
         images = self._splits["test"]
-        return self._loader(images, EpochBatches(len(images), self.eval_batch_size))
+        return self._loader(images, EpochBatches(len(images), self.eval_batch_size, every=self.test_every))
 
     def _loader(self, images: Dataset[Batch], batches: EpochBatches) -> DataLoader[Batch]:
         return DataLoader(

@@ -100,10 +100,11 @@ class DenseNetCifar(nn.Module):
         self.classifier = nn.Linear(width, num_classes)
         he_normal(self)
         nn.init.zeros_(self.classifier.bias)
+        self.to(memory_format=torch.channels_last)  # faster on CPUs
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Class logits of a batch of images in [0, 1]."""
-        x = F.relu(self.features(self.standardize(x)))
+        x = F.relu(self.features(self.standardize(x).contiguous(memory_format=torch.channels_last)))
         return self.classifier(x.mean((2, 3)))  # type: ignore[no-any-return]
 
 

@@ -7,6 +7,7 @@ torchvision's ResNet.
 
 from collections.abc import Sequence
 
+import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -77,10 +78,12 @@ class ResNetCifar(nn.Module):
         self.layer3 = _stage(WIDTHS[1], WIDTHS[2], blocks, stride=2)
         self.fc = nn.Linear(WIDTHS[2], num_classes)
         he_normal(self)
+        self.to(memory_format=torch.channels_last)  # a quarter less time on CPUs
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Class logits of a batch of images in [0, 1]."""
-        x = F.relu(self.bn1(self.conv1(self.standardize(x))))
+        x = self.standardize(x).contiguous(memory_format=torch.channels_last)
+        x = F.relu(self.bn1(self.conv1(x)))
         x = self.layer3(self.layer2(self.layer1(x)))
         return self.fc(x.mean((2, 3)))  # type: ignore[no-any-return]
 

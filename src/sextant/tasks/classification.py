@@ -16,6 +16,8 @@ from sextant.corruptions import Condition, CorruptionSuite
 from sextant.data.batches import Batch
 from sextant.data.source import ImageSpec
 from sextant.evaluation import classification_converged
+from sextant.layers import implementations
+from sextant.models import network_cost
 from sextant.tasks.classification_report import corruption_metrics, result_figures
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
@@ -30,10 +32,12 @@ class ClassificationResult:
 
     Attributes:
         labels: true classes, in the order of the split.
+        indices: positions in the split.
         predictions: predicted classes by condition key.
     """
 
     labels: Int64[ndarray, "n"]
+    indices: Int64[ndarray, "n"]
     predictions: dict[str, UInt8[ndarray, "n"] | Int64[ndarray, "n"]]
 
     def accuracy(self) -> dict[str, float]:
@@ -73,6 +77,7 @@ class Classification(pl.LightningModule):
         self._validation: list[Tensor] = []
         self._test: dict[Condition, list[Tensor]] = {}
         self._test_labels: list[Tensor] = []
+        self._test_indices: list[Tensor] = []
 
     def forward(self, images: Tensor) -> Tensor:
         """Logits ``(b, k)`` of images in [0, 1], ``(b, c, h, w)``."""
@@ -110,18 +115,21 @@ class Classification(pl.LightningModule):
 
     def test_step(self, batch: Batch, batch_idx: int) -> None:
         """Predict a batch under every condition."""
+        self.suite.check_labels(batch.labels, batch.indices)
         images = batch.images_in_unit_range()
         for condition in self.suite.conditions():
             logits = self(self.suite.corrupt(images, batch.indices, condition))
             self._test.setdefault(condition, []).append(logits.argmax(1).cpu())
         self._test_labels.append(batch.labels.cpu())
+        self._test_indices.append(batch.indices.cpu())
 
     def on_test_epoch_end(self) -> None:
         """Keep the predictions as :attr:`result`; log ``test/accuracy/<condition>``, and errors of a published set."""
         small = torch.uint8 if len(self.spec.classes) <= 256 else torch.int64
         predictions = {c.key: torch.cat(chosen).to(small).numpy() for c, chosen in self._test.items()}
-        self.result = ClassificationResult(torch.cat(self._test_labels).numpy(), predictions)
-        self._test, self._test_labels = {}, []
+        labels, indices = torch.cat(self._test_labels).numpy(), torch.cat(self._test_indices).numpy()
+        self.result = ClassificationResult(labels, indices, predictions)
+        self._test, self._test_labels, self._test_indices = {}, [], []
         accuracy = self.result.accuracy()
         self.log_dict({f"test/accuracy/{key}": value for key, value in accuracy.items()})
         self.log_dict(corruption_metrics(accuracy, self.suite))
@@ -142,6 +150,19 @@ class Classification(pl.LightningModule):
         """What the run keeps beside its metrics: labels, and predictions by condition."""
         assert self.result is not None
         return {"labels": self.result.labels, **self.result.predictions}
+
+    def facts(self) -> dict[str, Any]:
+        """Multiplications of the network for an image, how its inhibition is computed, and the protocol of the test."""
+        size = (self.spec.height, self.spec.width)
+        cost = network_cost(self.network, size, self.spec.channels)
+        image = torch.zeros(1, self.spec.channels, *size, device=self.device)
+        found = {
+            "multiplications": cost.macs,
+            "pull_multiplications": cost.pull_macs,
+            "inhibition": implementations(self.network, image),
+        }
+        protocol = self.suite.protocol
+        return {"cost": found} | ({} if protocol is None else {"protocol": protocol.as_dict()})
 
     def figures(self, test_images: UInt8[Tensor, "n c h w"]) -> "Iterator[tuple[str, Figure]]":
         """Pictures of the test; see :func:`~sextant.tasks.classification_report.result_figures`."""

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor, nn
 
-from sextant.corruptions import BenchmarkSuite, Condition, CorruptionSuite
+from sextant.corruptions import Condition, CorruptionSuite
 from sextant.evaluation import (
     ALEXNET_CIFAR10_C,
     ALEXNET_IMAGENET_C,
@@ -39,7 +39,7 @@ def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) ->
 
     They are shares: 1 is the error of the set's baseline.
     """
-    if not isinstance(suite, BenchmarkSuite):
+    if suite.protocol is None:
         return {}
     errors = errors_of(accuracy)
     metrics = {"test/error/clean": errors.clean, "test/error/corrupted": errors.mean()}
@@ -75,7 +75,7 @@ def result_figures(
     from sextant.figures.severity_curves import severity_curves
 
     accuracy = result.accuracy()
-    if isinstance(suite, BenchmarkSuite):
+    if suite.protocol is not None:
         errors = errors_of(accuracy)
         yield (
             "corruption_heatmap",
@@ -85,7 +85,7 @@ def result_figures(
         levels = {name: [float(v) for v in c.levels] for name, c in suite.corruptions.items()}
         yield "severity_curves", severity_curves(levels, {"this run": accuracy})
     yield "confusion_matrix", confusion_matrix(result.labels, result.predictions["clean"], classes)
-    shown = torch.arange(min(SHEET_IMAGES, len(test_images)))
+    shown = torch.from_numpy(result.indices[:SHEET_IMAGES])
     images = test_images[shown].float() / 255
     rows = {c.key: suite.corrupt(images, shown, c).numpy() for c in sheet_conditions(suite)}
     chosen = {key: result.predictions[key][: len(shown)] for key in rows}

@@ -21,6 +21,7 @@ class ClassificationFamily(Family):
 
     evaluation_example = "corruption=gaussian"
     sweep_example = "seed=0,1,2 inhibition=none,push_pull"
+    test_settings = ("test_every",)
 
     def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
@@ -62,6 +63,7 @@ class ClassificationFamily(Family):
             seed=config.seed,
             augmentation=None if raw.get("augmentation") is None else build(raw, "augmentation"),
             workers=config.trainer.workers,
+            test_every=config.task.test_every,
         )
 
     def spec(self, raw: Mapping[str, Any], config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
@@ -106,8 +108,8 @@ class ClassificationFamily(Family):
             console.print(f"[yellow]the classes of dataset={source.name} have other names than those of training[/]")
 
     def record(self, module: "Classification", data: "ImageData", config: Config) -> TestRecord:
-        """Predictions by condition, and the figures of the test."""
-        return TestRecord(module.arrays(), module.figures(data.split("test").images))
+        """Predictions by condition, the figures of the test, what the network costs and what it was tested under."""
+        return TestRecord(module.arrays(), module.figures(data.split("test").images), facts=module.facts())
 
 
 def image_spec(spec: Mapping[str, Any]) -> ImageSpec:

@@ -36,12 +36,14 @@ class TestRecord:
         figures: pictures by name, made when asked for.
         metrics: further numbers.
         table: rows of a comparison, each a mapping from column to text.
+        facts: what else belongs beside the results, as plain values.
     """
 
     arrays: dict[str, np.ndarray]
     figures: "Iterator[tuple[str, Figure]]"
     metrics: dict[str, float] = field(default_factory=dict)
     table: list[dict[str, str]] = field(default_factory=list)
+    facts: dict[str, Any] = field(default_factory=dict)
 
 
 class Family(ABC):

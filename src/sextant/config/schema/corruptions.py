@@ -54,9 +54,20 @@ class BenchmarkSuite(Part):
     seed: Seed = Field(examples=[0])
 
 
+class StoredSuite(Part):
+    """A published set of test conditions, from files."""
+
+    target: Literal["sextant.corruptions.StoredSuite"] = Field(alias="_target_")
+    folder: str = Field(examples=["CIFAR-10-C"])
+    set: Literal["cifar10_c", "mnist_c", "imagenet_c"]
+    names: str | list[str] | None = Field(examples=["benchmark15"])
+    severities: Annotated[list[int], AfterValidator(distinct)] | None = Field(examples=["[1,3,5]"])
+
+
 TestConditions = Annotated[
     Annotated[CorruptionSuite, Tag("sextant.corruptions.CorruptionSuite")]
     | Annotated[BenchmarkSuite, Tag("sextant.corruptions.BenchmarkSuite")]
+    | Annotated[StoredSuite, Tag("sextant.corruptions.StoredSuite")]
     | Annotated[CustomPart, Tag("custom")],
-    choose_part(CorruptionSuite, BenchmarkSuite),
+    choose_part(CorruptionSuite, BenchmarkSuite, StoredSuite),
 ]

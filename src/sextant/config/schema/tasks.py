@@ -14,6 +14,7 @@ class ClassificationTask(Node):
     name: Literal["classification"]
     validation_fraction: Share = Field(examples=[0.1])
     split_seed: Seed = Field(examples=[0])
+    test_every: Count = Field(examples=[1])
     test_checkpoint: Literal["last", "best"]
 
 

@@ -16,7 +16,7 @@ class Family:
     """One corruption of a set.
 
     Args:
-        path: ``module.Class`` within :mod:`sextant.corruptions`, imported when it is built.
+        path: ``group.module.Class`` within :mod:`sextant.corruptions`, imported when it is built.
         table: its row of parameters for each severity.
         published: the severities in the published set.
         options: further arguments in both modes.

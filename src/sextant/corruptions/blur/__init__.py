@@ -1,0 +1,1 @@
+"""Blur: out of focus, in motion, behind glass."""

@@ -1,0 +1,1 @@
+"""Digital: contrast, colour, warping and compression, as processing and storage leave them."""

@@ -1,0 +1,1 @@
+"""Noise: sensor and transmission noise, each pixel on its own."""

@@ -1,0 +1,36 @@
+"""What has to be said of corrupted images for figures to compare."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from sextant.corruptions.benchmark_corruption import Mode
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What a report has to state about corrupted images.
+
+    Attributes:
+        set: which published set.
+        title: its name and source.
+        severities: those tested, by corruption, in the published order.
+        mode: ``faithful`` to the authors' code, ``corrected``, or ``published``: files of the authors themselves.
+        rounding: how images become 8 bits, as in the published files.
+        baseline: what corruption errors of the set are divided by.
+        image_size: of the images the set was published for.
+        seed: of all random draws.
+    """
+
+    set: str
+    title: str
+    severities: Mapping[str, tuple[float, ...]]
+    mode: Mode | Literal["published"]
+    rounding: str
+    baseline: str
+    image_size: int
+    seed: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For a file of results."""
+        return asdict(self)

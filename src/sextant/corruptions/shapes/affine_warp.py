@@ -1,0 +1,32 @@
+"""Linear maps about the centre of images, their outside black."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.corruptions.filtering.bilinear import bilinear
+
+
+def affine_warp(
+    images: Float[Tensor, "b c h w"], matrices: Float[Tensor, "b 2 2"], shifts: Float[Tensor, "b 2"] | None = None
+) -> Float[Tensor, "b c h w"]:
+    """``y(p) = x(A (p - o) + o + t)`` with p = (column, row) in pixels and o the image's centre, bilinear.
+
+    The matrix maps the result into the image, as an inverse map does. What lies outside the image is 0, up to one pixel
+    beyond its border, where it fades.
+
+    Args:
+        images: to warp.
+        matrices: A of each image.
+        shifts: t of each image, in pixels to the right and down.
+    """
+    height, width = images.shape[-2:]
+    centre = torch.tensor([(width - 1) / 2, (height - 1) / 2], dtype=torch.float64)
+    rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    points = torch.stack([columns, rows], -1) - centre
+    sources = torch.einsum("bij,hwj->bhwi", matrices.double(), points) + centre
+    if shifts is not None:
+        sources = sources + shifts.double()[:, None, None]
+    # computed in double precision on the CPU, so that a whole pixel is one on every device
+    sources = sources.to(images)
+    return bilinear(images, sources[..., 1], sources[..., 0], "zero")

@@ -1,0 +1,44 @@
+"""Shear about the image's centre."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Float64, Int64
+from torch import Tensor
+
+from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.shapes.affine_warp import affine_warp
+from sextant.corruptions.shapes.signs import random_signs
+
+
+@dataclass(frozen=True)
+class Shear(BenchmarkCorruption[float, Tensor]):
+    """``y(p) = x(A p)`` about the centre, sheared along the rows by φ one way or the other at random.
+
+    Bilinear, black outside.
+
+    Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
+
+    Args:
+        table: |φ| in radians for each severity.
+        mode: ``faithful`` has ``A = [[1, -sin φ], [0, cos φ]]``, what scikit-image understood by a shear at the
+            time; it turns the column axis, and so magnifies by 1/cos φ down the columns besides. ``corrected`` is a
+            shear, ``A = [[1, -tan φ], [0, 1]]``, which keeps areas.
+    """
+
+    mode: Mode = "faithful"
+
+    def draw(
+        self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
+    ) -> Float64[Tensor, "b"]:
+        """φ of each image."""
+        return self.row(level) * random_signs(self.streams(level, indices, seed), 1)[:, 0]
+
+    def apply(
+        self, images: Float[Tensor, "b c h w"], level: float, params: Float64[Tensor, "b"]
+    ) -> Float[Tensor, "b c h w"]:
+        """Shear by the drawn angles."""
+        one, none = torch.ones_like(params), torch.zeros_like(params)
+        across, down = (torch.sin(params), torch.cos(params)) if self.mode == "faithful" else (torch.tan(params), one)
+        matrices = torch.stack([one, -across, none, down], -1).unflatten(-1, (2, 2))
+        return affine_warp(images, matrices).clamp(0, 1)

@@ -1,0 +1,148 @@
+"""Corrupted images from files in the layout of CIFAR-10-C: the authors' own, or those of ``sextant.corruptions make``.
+
+A corruption drawn once serves every run that is tested under it, and files of the benchmark's authors give figures
+that compare image by image.
+"""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from numpy.typing import NDArray
+from torch import Tensor
+
+from sextant.atomic_files import read_json
+from sextant.corruptions.benchmark_suite import Names, benchmark_set
+from sextant.corruptions.making import LABELS, RECORD
+from sextant.corruptions.protocol import Protocol
+from sextant.corruptions.suite import Condition, CorruptionSuite
+from sextant.errors import UserError
+
+MAKE = "python -m sextant.corruptions make set={set} input=<dataset> output={folder}"
+
+
+class StoredSuite(CorruptionSuite):
+    """The conditions of a published set, read from ``<folder>/<corruption>.npy``.
+
+    Each file holds uint8 images ``(s·n, h, w[, c])``: all n at the first severity, then all at the next;
+    ``labels.npy`` repeats their labels so. Files are mapped into memory, never read whole, and nothing is unpickled.
+
+    Args:
+        folder: of the files.
+        set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``: whose names and severities they are.
+        names: corruptions to test: all that are published (``None``), a group, or a list of names.
+        severities: of those in the files; ``None`` for all.
+
+    Raises:
+        UserError: a file is missing, damaged, or holds other images than the test split of the run.
+    """
+
+    def __init__(self, folder: str | Path, set: str = "cifar10_c", names: Names = None, severities: Any = None):
+        self.folder, self.set = Path(folder).expanduser(), set
+        chosen, record = benchmark_set(set), read_json(self.folder / RECORD) or {}
+        recipe = dict(record.get("recipe") or {})
+        if recipe.get("set", set) != set:
+            raise UserError(
+                f"corruption.set={set}: {self.folder} holds corruptions of {recipe['set']}",
+                f"corruption.set={recipe['set']}",
+            )
+        super().__init__(chosen.build(names, severities), int(recipe.get("seed", 0)))
+        stored = dict(record.get("severities") or {})
+        published = chosen.build(names, None)
+        self._levels = {name: list(stored.get(name, published[name].levels)) for name in self.corruptions}
+        self.labels = self._open(LABELS)
+        self.images = {name: self._images(name) for name in self.corruptions}
+        self.protocol = Protocol(
+            set=set,
+            title=chosen.title,
+            severities={name: tuple(c.levels) for name, c in self.corruptions.items()},
+            mode=recipe.get("mode", "published"),
+            rounding="8 bits, as stored",
+            baseline=chosen.baseline,
+            image_size=int(next(iter(self.images.values())).shape[1]),
+            seed=self.seed,
+        )
+
+    def corrupt(
+        self, images: Float[Tensor, "b c h w"], indices: Int64[Tensor, "b"], condition: Condition
+    ) -> Float[Tensor, "b c h w"]:
+        """The stored versions of the images at positions ``indices`` of the test split, in [0, 1].
+
+        Raises:
+            UserError: the files hold images of another shape, or too few.
+        """
+        if condition.corruption is None:
+            return images
+        stored, levels = self.images[condition.corruption], self._levels[condition.corruption]
+        count = len(stored) // len(levels)
+        if int(indices.max()) >= count:
+            raise UserError(f"{self.folder} holds {count} images a severity, the test split has more", self._remedy)
+        rows = levels.index(condition.level) * count + indices.cpu().numpy()
+        found = torch.from_numpy(np.ascontiguousarray(stored[rows]))
+        found = found.unsqueeze(1) if found.ndim == 3 else found.permute(0, 3, 1, 2)
+        if found.shape != images.shape:
+            shapes = ["x".join(str(size) for size in shape) for shape in (found.shape[1:], images.shape[1:])]
+            raise UserError(f"{self.folder} holds images of {shapes[0]}, the dataset {shapes[1]}", self._remedy)
+        return found.to(images.device).contiguous().float() / 255
+
+    def check_labels(self, labels: Int64[Tensor, "b"], indices: Int64[Tensor, "b"]) -> None:
+        """Raise a ``UserError`` unless the stored images at ``indices`` have the classes ``labels``."""
+        positions = indices.cpu().numpy()
+        if int(positions.max()) >= len(self.labels) or (self.labels[positions] != labels.cpu().numpy()).any():
+            raise UserError(f"{self.folder / LABELS} has other labels than the test split of the dataset", self._remedy)
+
+    @property
+    def _remedy(self) -> str:
+        made = MAKE.format(set=self.set, folder="<another folder>")
+        return f"Are they of another dataset, or in another order? {made}"
+
+    def _images(self, name: str) -> NDArray[np.uint8]:
+        stored, levels = self._open(f"{name}.npy"), self._levels[name]
+        absent = [level for level in self.corruptions[name].levels if level not in levels]
+        if absent:
+            raise UserError(
+                f"{self.folder / name}.npy has no severity {absent[0]}",
+                f"It has {', '.join(f'{level:g}' for level in levels)}.",
+            )
+        if stored.dtype != np.uint8 or stored.ndim not in (3, 4) or len(stored) % len(levels):
+            raise UserError(
+                f"{self.folder / name}.npy holds {stored.dtype} of shape {stored.shape}",
+                f"It has to hold uint8 images (n, height, width[, channels]), at {len(levels)} severities in turn.",
+            )
+        return stored
+
+    def _open(self, name: str) -> NDArray[Any]:
+        path = self.folder / name
+        try:
+            found = np.load(path, mmap_mode="r", allow_pickle=False)
+        except FileNotFoundError:
+            raise UserError(
+                f"corruption.folder={self.folder}: there is no {name}",
+                f"{MAKE.format(set='cifar10_c', folder=self.folder)} writes it; "
+                "or take the files of the benchmark's authors.",
+            ) from None
+        except (OSError, ValueError, EOFError) as error:
+            reason = str(error).splitlines()[0] if str(error) else "it is cut off"
+            raise UserError(f"{path} cannot be read: {reason}", "Make or fetch it again.") from None
+        if not isinstance(found, np.ndarray):
+            raise UserError(f"{path} is not a .npy file", "numpy.save writes one.")
+        return found
+
+
+def folder_identity(folder: str | Path) -> str:
+    """Hash of what tells one folder of stored corruptions from another: record, labels, sizes and times of the files.
+
+    The files themselves are gigabytes and are not read.
+    """
+    path = Path(folder).expanduser()
+    digest = hashlib.sha256()
+    for small in (RECORD, LABELS):
+        if (path / small).is_file():
+            digest.update((path / small).read_bytes())
+    for file in sorted(path.glob("*.npy")):
+        status = file.stat()
+        digest.update(f"{file.name} {status.st_size} {status.st_mtime_ns}".encode())
+    return digest.hexdigest()

@@ -1,0 +1,70 @@
+"""Published networks are tested and used as if they were runs."""
+
+import pytest
+import torch
+from support import as_published
+
+from sextant.cli.evaluate import checkpoint_config
+from sextant.cli.trained_model import read_trained
+from sextant.cli.training import model_from_checkpoint
+from sextant.corruptions import BenchmarkSuite
+from sextant.data.cifar10 import CIFAR10
+from sextant.errors import UserError
+from sextant.evaluation.published_results import read_corruption_details
+from sextant.models import DenseNetCifar, ResNetCifar, load_published
+from sextant.runs.checkpoint import KEY
+
+
+def a_resnet(depth=20):
+    return ResNetCifar(3, (32, 32), 10, depth=depth)
+
+
+def a_densenet():
+    return DenseNetCifar(3, (32, 32), 10, depth=10, growth=3)
+
+
+@pytest.mark.parametrize(
+    ("network", "first"),
+    [
+        (a_resnet(), "conv1"),
+        (a_resnet(32), None),
+        (DenseNetCifar(3, (32, 32), 10, depth=10, growth=3), "features.conv0"),
+    ],
+)
+def test_a_published_network_is_built_from_its_config(tmp_path, network, first):
+    path = as_published(network, tmp_path / "checkpoint.pth.tar", push_pull=(first,) if first else ())
+    raw, config = checkpoint_config(read_trained(path)[KEY], ["dataset.train_batches=1"])
+    model = model_from_checkpoint(raw, config, path)
+    images = torch.rand(2, 3, 32, 32)
+    with torch.no_grad():
+        assert torch.equal(model(images), load_published(path).network(images))
+
+
+def test_inhibition_elsewhere_is_refused(tmp_path):
+    path = as_published(a_resnet(), tmp_path / "checkpoint.pth.tar", push_pull=("conv1", "layer1.0.conv1"))
+    with pytest.raises(UserError, match=r"push-pull layers at conv1, layer1\.0\.conv1"):
+        read_trained(path)
+
+
+@pytest.mark.real_data
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["resnet-20", "resnet-20-pp"])
+def test_errors_under_corruptions_made_here_are_those_published(real_data, name):
+    """The first 1000 of 10,000 images at severity 3: 1.5 points is one standard error of one corruption's."""
+    folder = real_data / "pushpull_cifar"
+    network = load_published(folder / "models" / "resnet-cifar" / name / "checkpoint.pth.tar").network
+    published = read_corruption_details(folder / "results" / "resnet" / name / "C_details.txt", 0).severities
+    data = CIFAR10([real_data]).read("test")
+    images, labels = torch.from_numpy(data.images[:1000]).float() / 255, torch.from_numpy(data.labels[:1000])
+    suite = BenchmarkSuite(severities=[3])
+    differences = {}
+    with torch.inference_mode():
+        for condition in suite.conditions()[1:]:
+            corrupted = suite.corrupt(images, torch.arange(1000), condition).split(100)
+            chosen = torch.cat([network(batch).argmax(1) for batch in corrupted])
+            error = (chosen != labels).double().mean().item()
+            differences[condition.corruption] = error - published[condition.corruption][2]
+    frost = differences.pop("frost")  # textures of our own
+    assert abs(sum(differences.values()) / len(differences)) < 0.015
+    assert max(map(abs, differences.values())) < 0.045
+    assert abs(frost) < 0.08
