@@ -17,7 +17,8 @@ def test_the_mean_is_the_paired_difference_of_the_means(seed, seeds):
     treatment, control = two_arms(seed, seeds)
     found = corruption_differences(treatment, control)
     own, other = (np.mean(list(arm.values()), axis=0) for arm in (treatment, control))
-    assert repr(found.mean) == repr(paired_difference(own, other))  # nan for the images, of which there are none
+    expected = paired_difference(own, other, better="lower")
+    assert repr(found.mean) == repr(expected)  # nan for the images, of which there are none
     assert found.mean.mean == pytest.approx(np.mean([d.mean for d in found.by_corruption.values()]))
 
 
@@ -40,6 +41,7 @@ def test_certain_are_those_whose_interval_leaves_zero_out():
     found = corruption_differences(treatment, control)
     assert list(found.by_corruption) == ["snow", "fog", "frost"]
     assert (found.wins, found.losses, found.certain_wins, found.certain_losses) == (2, 1, 1, 1)
+    assert [found.by_corruption[name].wins for name in ("snow", "fog", "frost")] == [3, 1, 0]  # of the treatment
 
 
 def test_one_seed_has_wins_but_no_intervals():

@@ -69,7 +69,8 @@ def _show(results: "SweepResults") -> None:
             "pairs",
             "p (Holm)",
         )
-        table = Table(*columns, title=name, title_justify="left", title_style="bold")
+        title = f"{name}: {results.measure.difference}, {results.measure.better} is better"
+        table = Table(*columns, title=title, title_justify="left", title_style="bold")
         for row in (row for row in rows if row.contrast == name):
             paired, floor = row.paired, row.floor
             shown = "–"

@@ -50,13 +50,15 @@ def corruption_differences(
         odd = sorted(set(treatment) ^ set(control))
         raise ValueError(f"both arms need the same corruptions, at least one; only one arm has {', '.join(odd)}")
     pairs = {name: (np.asarray(errors, float), np.asarray(control[name], float)) for name, errors in treatment.items()}
-    by_corruption = {name: paired_difference(*pair, confidence=confidence) for name, pair in pairs.items()}
+    by_corruption = {
+        name: paired_difference(*pair, confidence=confidence, better="lower") for name, pair in pairs.items()
+    }
     if len({difference.seeds for difference in by_corruption.values()}) > 1:
         raise ValueError("all corruptions need the same number of seeds")
     own, other = (np.mean([pair[arm] for pair in pairs.values()], axis=0) for arm in (0, 1))
     means = np.array([difference.mean for difference in by_corruption.values()])
     return CorruptionDifferences(
-        mean=paired_difference(own, other, confidence=confidence),
+        mean=paired_difference(own, other, confidence=confidence, better="lower"),
         by_corruption=by_corruption,
         wins=int((means < 0).sum()),
         losses=int((means > 0).sum()),

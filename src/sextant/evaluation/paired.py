@@ -137,7 +137,7 @@ def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> 
 def _t_interval(values: Float[ndarray, "seeds"], confidence: float) -> tuple[float, float]:
     if len(values) < 2:
         return (float("nan"), float("nan"))
-    if values.std(ddof=1) == 0:
+    if np.ptp(values) <= 1e-12 * np.abs(values).max():  # equal but for rounding
         return (float(values.mean()), float(values.mean()))
     interval = stats.ttest_1samp(values, 0.0).confidence_interval(confidence)
     return (float(interval.low), float(interval.high))

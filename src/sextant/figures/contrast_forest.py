@@ -43,7 +43,9 @@ def contrast_forest(panels: Sequence[tuple[str, Sequence[ForestRow]]], xlabel: s
     handles = [
         axes[0].plot([], [], "o-", color=COLOURS[0], label="mean over seeds, 95 % interval")[0],
         axes[0].fill_betweenx([], [], [], color="0.85", label="one pair of runs, seeds alone (95 %)"),
-        axes[0].plot([], [], "D", color=COLOURS[1], linestyle="none", label="published, one run each")[0],
     ]
+    if any(entry.published == entry.published for _, entries in panels for entry in entries):
+        published = axes[0].plot([], [], "D", color=COLOURS[1], linestyle="none", label="published, one run each")
+        handles += published
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure

@@ -2,25 +2,40 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from sextant.figures.corruption_families import by_family, name_family
 from sextant.figures.style import COLOURS, new_figure, plain
 
 BETTER, WORSE = COLOURS[0], COLOURS[1]
+FLOOR: dict[str, Any] = {
+    "marker": "D",
+    "markersize": 4.5,
+    "markerfacecolor": "white",
+    "markeredgecolor": COLOURS[2],
+    "markeredgewidth": 1.3,
+    "linestyle": "none",
+}
 
 
 @dataclass(frozen=True)
 class DifferenceBar:
-    """Error of the treatment minus that of the control, as shares, with its interval; nan where there is none."""
+    """Error of the treatment minus that of the control, as shares, with its interval; nan where there is none.
+
+    ``floor`` is the mean difference between two groups of runs that differ in their seeds alone.
+    """
 
     label: str
     difference: float
     low: float = float("nan")
     high: float = float("nan")
+    floor: float = float("nan")
 
     @property
     def certain(self) -> bool:
@@ -38,8 +53,8 @@ def corruption_difference(
 ) -> Figure:
     """One bar a corruption: to the left, in blue, where the treatment errs less; in orange where it errs more.
 
-    Where there are intervals, bars whose interval contains zero are pale, the others certain. The legend counts wins
-    and losses.
+    Where there are intervals, bars whose interval contains zero are pale, the others certain. A diamond is the noise
+    floor. The legend counts wins and losses.
 
     Args:
         bars: one a corruption, labelled with its name.
@@ -70,14 +85,16 @@ def corruption_difference(
     axes.axvline(0, color="black", lw=0.8)
     axes.set_yticks([place for place, _ in ticks], [label for _, label in ticks], fontsize=8)
     axes.set_ylim(row - 0.75, -0.75)
-    axes.set_xlabel("difference in error (percentage points)", fontsize=8)
+    axes.set_xlabel("difference in error (percentage points), left is better", fontsize=8)
     axes.set_title(title, fontsize=9)
     axes.tick_params(labelsize=8)
     plain(axes)
     axes.grid(visible=False, axis="y")
-    figure.legend(
-        handles=_counts(bars, with_intervals, interval), loc="outside lower center", ncols=3, frameon=False, fontsize=8
-    )
+    handles: list[Artist] = [*_counts(bars, with_intervals, interval)]
+    if any(bar.floor == bar.floor for bar in bars):
+        handles.append(Line2D([], [], **FLOOR, label="seeds alone (noise floor)"))
+    columns = 2 if len(handles) == 4 else 3
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=8)
     return figure
 
 
@@ -86,6 +103,8 @@ def _draw(axes: Axes, row: float, bar: DifferenceBar, *, pale: bool) -> None:
     axes.barh(row, 100 * bar.difference, height=0.8, color=colour, alpha=0.35 if pale else 0.9)
     if bar.low == bar.low:
         axes.plot([100 * bar.low, 100 * bar.high], [row, row], color="black", lw=1.2, solid_capstyle="butt")
+    if bar.floor == bar.floor:
+        axes.plot(100 * bar.floor, row, **FLOOR)
 
 
 def _counts(bars: Sequence[DifferenceBar], with_intervals: bool, interval: str) -> list[Patch]:

@@ -18,7 +18,7 @@ def corruption_heatmap(
     title: str = "",
     highest: float = 1.0,
 ) -> Figure:
-    """One row a corruption, one column a severity, with the mean over severities beside; cells in per cent.
+    """One row a corruption, one column a severity, with the mean over several severities beside; cells in per cent.
 
     Args:
         errors: shares of wrong predictions by corruption, mildest severity first; rows may differ in length.
@@ -36,11 +36,14 @@ def corruption_heatmap(
         raise ValueError("a heat map needs at least one corruption with a severity")
     groups = by_family(errors, families or {})
     names = [name for _, members in groups for name in members]
-    table = np.full((len(names), columns + 1), np.nan)
+    means = np.array([np.mean(errors[name]) for name in names])
+    table = np.full((len(names), columns), np.nan)
     for row, name in enumerate(names):
         table[row, : len(errors[name])] = errors[name]
-        table[row, columns] = np.mean(errors[name])
-    figure, (axes,) = new_figure(0.62 * (columns + 1) + 2.6, 0.27 * len(names) + 1.3)
+    names_of_levels = list(levels) if levels is not None else [str(i + 1) for i in range(columns)]
+    if columns > 1:  # the mean of one is the one
+        table, names_of_levels = np.column_stack([table, means]), [*names_of_levels, "mean"]
+    figure, (axes,) = new_figure(0.62 * table.shape[1] + 2.6, 0.27 * len(names) + 1.3)
     axes.imshow(table, cmap="YlOrRd", vmin=0, vmax=highest, aspect="auto")
     for (row, column), value in np.ndenumerate(table):
         if not np.isnan(value):
@@ -50,8 +53,7 @@ def corruption_heatmap(
                 column, row, f"{100 * value:.1f}", ha="center", va="center", color=colour, fontsize=7, fontweight=weight
             )
     axes.axvline(columns - 0.5, color="white", lw=4)
-    names_of_levels = list(levels) if levels is not None else [str(i + 1) for i in range(columns)]
-    axes.set_xticks(range(columns + 1), [*names_of_levels, "mean"], fontsize=8)
+    axes.set_xticks(range(table.shape[1]), names_of_levels, fontsize=8)
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names], fontsize=8)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
@@ -61,7 +63,7 @@ def corruption_heatmap(
             axes.axhline(start - 0.5, color="white", lw=4)
         name_family(axes, family, start + (len(members) - 1) / 2)
         start += len(members)
-    told = "" if clean is None else f"\nclean {100 * clean:.2f} %, mean {100 * np.nanmean(table[:, columns]):.2f} %"
+    told = "" if clean is None else f"\nclean {100 * clean:.2f} %, mean {100 * means.mean():.2f} %"
     axes.set_title(f"{title}{told}".strip(), fontsize=9)
     axes.set_xlabel("severity, error (%)", fontsize=8)
     return figure

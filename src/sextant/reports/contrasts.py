@@ -59,9 +59,8 @@ class ContrastRow:
 
 def contrasts(results: SweepResults) -> list[ContrastRow]:
     """Every contrast of the sweep; Holm's family is the conditions of one contrast in one setting."""
-    definition = results.plan.definition
-    named = definition.get("contrasts") or _against_first(results.arms)
-    floor_sides = named.get(str(definition.get("noise_floor")))
+    named = named_contrasts(results)
+    floor_sides = named.get(noise_floor(results))
     rows: list[ContrastRow] = []
     for name, sides in named.items():
         for setting in results.settings:
@@ -71,27 +70,45 @@ def contrasts(results: SweepResults) -> list[ContrastRow]:
     return rows
 
 
+def named_contrasts(results: SweepResults) -> Mapping[str, Sides]:
+    """``treatment`` and ``control`` by the name of the contrast; without any named, every arm against the first."""
+    arms = results.arms
+    against_first = {f"{arm} - {arms[0]}": {"treatment": arm, "control": arms[0]} for arm in arms[1:]}
+    return results.plan.definition.get("contrasts") or against_first
+
+
+def noise_floor(results: SweepResults) -> str:
+    """Name of the contrast between arms that differ in their seeds alone, empty if there is none."""
+    return str(results.plan.definition.get("noise_floor") or "")
+
+
+def converged_pairs(results: SweepResults, setting: str, sides: Sides) -> list[Pair]:
+    """Treatment and control of each planned pair in which both runs converged."""
+    return [pair for pair in _pairs(results, setting, sides) if _converged(pair)]
+
+
+def dropped_pairs(results: SweepResults, setting: str, sides: Sides) -> int:
+    """How many planned pairs have a run that diverged, failed or is missing."""
+    return len(results.of(setting, sides["treatment"])) - len(converged_pairs(results, setting, sides))
+
+
 def _row(
     results: SweepResults, name: str, sides: Sides, floor_sides: Sides | None, setting: str, condition: str
 ) -> ContrastRow:
-    definition = results.plan.definition
-    method = definition.get("interval", "t")
+    method = results.plan.definition.get("interval", "t")
     pairs = _pairs(results, setting, sides)
     return ContrastRow(
         contrast=name,
         setting=setting,
         condition=condition,
         paired=_difference(pairs, condition, method),
-        dropped=len(results.of(setting, sides["treatment"])) - sum(_converged(pair) for pair in pairs),
+        dropped=dropped_pairs(results, setting, sides),
         everything=_mean_of_all(pairs, condition),
         p_holm=float("nan"),
         floor=None if floor_sides is None else _difference(_pairs(results, setting, floor_sides), condition, method),
-        published=_published(definition, setting, sides, condition),
+        published=results.published(setting, sides["treatment"], condition)
+        - results.published(setting, sides["control"], condition),
     )
-
-
-def _against_first(arms: list[str]) -> dict[str, dict[str, str]]:
-    return {f"{arm} - {arms[0]}": {"treatment": arm, "control": arms[0]} for arm in arms[1:]}
 
 
 def _pairs(results: SweepResults, setting: str, sides: Sides) -> list[Pair]:
@@ -121,9 +138,3 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
 def _mean_of_all(pairs: list[Pair], condition: str) -> float:
     differences = [t.value(condition) - c.value(condition) for t, c in pairs]
     return float(np.mean(differences)) if differences else float("nan")
-
-
-def _published(definition: dict, setting: str, sides: Sides, condition: str) -> float:  # type: ignore[type-arg]
-    arms = definition.get("published", {}).get(setting, {})
-    treatment, control = (arms.get(sides[side], {}).get(condition) for side in ("treatment", "control"))
-    return float("nan") if treatment is None or control is None else float(treatment - control)

@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from jaxtyping import Float
+import numpy as np
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from sextant.evaluation import BENCHMARK_15, CorruptionErrors
 from sextant.evaluation.calibration_summary import median_error
+from sextant.reports.shared_set import SharedSet
 
 Images = Float[ndarray, "images"]
 
@@ -18,6 +21,7 @@ class Measure:
 
     Attributes:
         title: heading of the table of cells.
+        quantity: what the values are, in a word.
         difference: what a contrast is in.
         statistic: of the images of a run. Means of images can be compared image by image; medians only run by run.
         better: direction.
@@ -26,11 +30,16 @@ class Measure:
     """
 
     title: str
+    quantity: str
     difference: str
     statistic: Literal["mean", "median"]
     better: Literal["higher", "lower"]
     diverged: str
     digits: int = 2
+
+    def of_published(self, accuracy: float) -> float:
+        """A published figure in this measure's unit; sweeps give those of classifiers as accuracies in per cent."""
+        return 100 - accuracy if self == CORRUPTION_ERROR else accuracy
 
     def of(self, images: Images) -> float:
         """The number of a run; nan counts as an infinite error."""
@@ -41,13 +50,24 @@ class Measure:
 
 ACCURACY = Measure(
     "Accuracy on the test split, per cent",
+    "accuracy",
     "difference in accuracy (points)",
     "mean",
     "higher",
     "its validation accuracy after training is nearer to chance than to 1",
 )
+#: of runs tested under a published set of corruptions, whose literature counts errors
+CORRUPTION_ERROR = Measure(
+    "Errors on the test split, per cent; lower is better",
+    "error",
+    "difference in error (points)",
+    "mean",
+    "lower",
+    ACCURACY.diverged,
+)
 CALIBRATION = Measure(
     "Median errors on the test split",
+    "median error",
     "difference in median error",
     "median",
     "lower",
@@ -66,13 +86,56 @@ CALIBRATION_ERRORS = {
 }
 
 
-def measured(arrays: Mapping[str, ndarray]) -> tuple[Measure, dict[str, Images]]:
+@dataclass(frozen=True)
+class RunValues:
+    """What the arrays of one run say.
+
+    Attributes:
+        measure: what the values are.
+        by_condition: the value of each test image under each condition of the report.
+        errors: by corruption and severity, of a run under a published set.
+    """
+
+    measure: Measure
+    by_condition: dict[str, Images]
+    errors: CorruptionErrors | None = None
+
+
+def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> RunValues:
     """The measure that belongs to the arrays of a run, and its values by image under each condition.
+
+    Under a published set of corruptions the conditions of the report are few: ``clean``, ``corrupted`` (the mean over
+    severities, then over all shared corruptions) and, if more than those are shared, ``benchmark 15``. The value of an
+    image is 100 times the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
+
+    Args:
+        arrays: of the run's ``predictions.npz``.
+        shared: the conditions of a published set that all runs share, if they were tested under one.
 
     Raises:
         KeyError: they are not the arrays of a run.
     """
-    if "labels" in arrays:
+    if "labels" not in arrays:
+        return RunValues(CALIBRATION, {title: arrays[f"{key}/network"] for key, title in CALIBRATION_ERRORS.items()})
+    if shared is None:
         right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key != "labels"}
-        return ACCURACY, right
-    return CALIBRATION, {title: arrays[f"{key}/network"] for key, title in CALIBRATION_ERRORS.items()}
+        return RunValues(ACCURACY, right)
+    wrong = {key: np.asarray(arrays[key] != arrays["labels"]) for key in shared.keys}
+    values = {"clean": 100.0 * wrong["clean"]}
+    for title, names in summary_conditions(shared).items():
+        values[title] = 100.0 * np.mean([_over_severities(wrong, shared, name) for name in names], axis=0)
+    errors = CorruptionErrors.of_conditions({key: float(images.mean()) for key, images in wrong.items()})
+    return RunValues(CORRUPTION_ERROR, values, errors)
+
+
+def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
+    """The conditions of a report beside ``clean``, with the corruptions that each is the mean of."""
+    everything = tuple(shared.severities)
+    conditions = {"corrupted": everything}
+    if set(BENCHMARK_15) < set(everything):
+        conditions["benchmark 15"] = BENCHMARK_15
+    return conditions
+
+
+def _over_severities(wrong: Mapping[str, Bool[ndarray, "images"]], shared: SharedSet, name: str) -> Images:
+    return np.asarray(np.mean([wrong[key] for key in shared.of(name)], axis=0))

@@ -1,19 +1,23 @@
 """What the runs of a sweep found."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from sextant.errors import UserError
+from sextant.evaluation import CorruptionErrors
 from sextant.reports.measure import ACCURACY, Measure, measured
+from sextant.reports.shared_set import SharedSet, shared_set
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
 Outcome = Literal["finished", "diverged", "failed", "missing"]
+Content = TypeVar("Content")
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,8 @@ class CellResult:
         seconds: training time.
         parameters: of the model.
         measure: what the values are.
+        errors: by corruption and severity, of a run tested under a published set.
+        cost: of the network, as the run's ``metrics.json`` has it; empty if it says nothing.
     """
 
     cell: Cell
@@ -35,6 +41,8 @@ class CellResult:
     seconds: float = float("nan")
     parameters: int = 0
     measure: Measure = ACCURACY
+    errors: CorruptionErrors | None = None
+    cost: Mapping[str, Any] = field(default_factory=dict)
 
     def value(self, condition: str) -> float:
         """The number of this run under a condition."""
@@ -43,11 +51,16 @@ class CellResult:
 
 @dataclass(frozen=True)
 class SweepResults:
-    """A sweep's plan and the result of every cell."""
+    """A sweep's plan and the result of every cell.
+
+    Attributes:
+        shared: the conditions of a published set that all tested runs share; None if they were not tested under one.
+    """
 
     plan: SweepPlan
     directory: Path
     cells: list[CellResult]
+    shared: SharedSet | None = None
 
     @property
     def conditions(self) -> list[str]:
@@ -75,6 +88,11 @@ class SweepResults:
         found = [r for r in self.cells if r.cell.setting == setting and r.cell.arm == arm]
         return sorted(found, key=lambda result: result.cell.pair)
 
+    def published(self, setting: str, arm: str, condition: str) -> float:
+        """The published figure of a cell in the unit of the measure, nan if the sweep names none."""
+        named = self.plan.definition.get("published", {}).get(setting, {}).get(arm, {}).get(condition)
+        return float("nan") if named is None else self.measure.of_published(float(named))
+
     def count(self, outcome: Outcome) -> int:
         """How many cells ended so."""
         return sum(result.outcome == outcome for result in self.cells)
@@ -87,24 +105,42 @@ def load_results(directory: Path, outputs: Path) -> SweepResults:
         UserError: the sweep's plan or a run's arrays are damaged, or no run is finished yet.
     """
     plan = read_plan(directory)
-    cells = [_load(cell, RunDirectory(outputs / cell.run)) for cell in plan.cells]
+    runs = [RunDirectory(outputs / cell.run) for cell in plan.cells]
+    tested = [run for run in runs if run.results() is not None and run.arrays.exists()]
+    names = [_from_arrays(run, lambda arrays: [key for key in arrays if key != "labels"]) for run in tested]
+    shared = shared_set([(run.results() or {}).get("protocol") for run in tested], names)
+    cells = [_load(cell, run, shared) for cell, run in zip(plan.cells, runs, strict=True)]
     if not any(result.values for result in cells):
         raise UserError(f"sweep {plan.name}: none of its {len(cells)} runs is finished yet", "Run the sweep first.")
-    return SweepResults(plan, directory, cells)
+    return SweepResults(plan, directory, cells, shared)
 
 
-def _load(cell: Cell, run: RunDirectory) -> CellResult:
+def _load(cell: Cell, run: RunDirectory, shared: SharedSet | None) -> CellResult:
     results = run.results()
     if results is None:
         failure = cell.message or run.state().get("failure")
         return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
     if not run.arrays.exists():  # stopped by a nan, and kept as what it is
         return CellResult(cell, results["outcome"], {})
+    found = _from_arrays(run, lambda arrays: measured(arrays, shared))
+    seconds = results["timing"]["fit_s"]  # JSON has no nan
+    return CellResult(
+        cell,
+        results["outcome"],
+        found.by_condition,
+        seconds=float("nan") if seconds is None else seconds,
+        parameters=results["parameters"],
+        measure=found.measure,
+        errors=found.errors,
+        cost=results.get("cost") or {},
+    )
+
+
+def _from_arrays(run: RunDirectory, read: Callable[[Mapping[str, ndarray]], Content]) -> Content:
     try:
         with np.load(run.arrays, allow_pickle=False) as arrays:
-            measure, values = measured(arrays)
+            return read(arrays)
     except (OSError, ValueError, KeyError) as error:
         raise UserError(
             f"{run.arrays} cannot be read: {error}", f"Delete {run.path} and run the sweep again."
         ) from None
-    return CellResult(cell, results["outcome"], values, results["timing"]["fit_s"], results["parameters"], measure)

@@ -32,14 +32,12 @@ class Summary:
 
 def summarise(results: SweepResults) -> list[Summary]:
     """All cells under all conditions; nan where there is nothing to summarise."""
-    published = results.plan.definition.get("published", {})
     rows = []
     for setting in results.settings:
         for arm in results.arms:
             cells = results.of(setting, arm)
             converged = [cell for cell in cells if cell.outcome == "finished"]
             diverged = [cell for cell in cells if cell.outcome == "diverged"]
-            reference = published.get(setting, {}).get(arm, {})
             for condition in results.conditions:
                 values = np.array([cell.value(condition) for cell in converged])
                 everything = [c.value(condition) for c in cells if c.values]
@@ -58,7 +56,7 @@ def summarise(results: SweepResults) -> list[Summary]:
                         low=low,
                         high=high,
                         all_mean=float(np.mean(everything)) if everything else float("nan"),
-                        published=float(reference.get(condition, float("nan"))),
+                        published=results.published(setting, arm, condition),
                     )
                 )
     return rows

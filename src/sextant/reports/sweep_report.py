@@ -1,46 +1,53 @@
 """The report of a sweep: tables, contrasts, figures, and what they can support."""
 
-import re
 import shlex
-from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference
+from sextant.evaluation import SEEDS_FOR_A_CLAIM
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.severity_curves import severity_curves
 from sextant.figures.style import save_figure
 from sextant.reports.contrasts import ContrastRow, contrasts
+from sextant.reports.corruption_report import corruption_section
+from sextant.reports.cost_report import cost_section
+from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
+from sextant.reports.section import Section
 from sextant.reports.summary import Summary, summarise
-from sextant.reports.tables import TextTable, interval, number
+from sextant.reports.tables import TextTable, interval, number, slug
 
 
 def write_report(results: SweepResults) -> list[Path]:
     """Write ``report/`` into the sweep's directory.
 
     Returns:
-        The files: ``report.md``, ``cells.csv``, ``contrasts.csv``, ``cells.tex``, ``contrasts.tex``, figures.
+        The files: ``report.md``, ``cells.csv``, ``contrasts.csv``, ``cells.tex``, ``contrasts.tex``, ``cost.csv``,
+        those of a published set of corruptions if the runs were tested under one, figures.
     """
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)
     cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
+    sections = [corruption_section(results), cost_section(results)]
     texts = {
-        "report.md": _markdown(results, summaries, cells, compared, rows),
+        "report.md": _markdown(results, summaries, cells, compared, rows, sections),
         "cells.csv": _csv([asdict(summary) for summary in summaries]),
         "contrasts.csv": _csv([_flat_row(row) for row in rows]),
         "cells.tex": cells.latex(),
         "contrasts.tex": "\n".join(table.latex() for table in compared.values()),
     }
+    for section in sections:
+        texts |= section.files
     paths = []
     for name, text in texts.items():
         (folder / name).write_text(text)
         paths.append(folder / name)
-    for name, figure in figures(results, summaries, rows):
+    made = [*figures(results, summaries, rows), *(pair for section in sections for pair in section.figures)]
+    for name, figure in made:
         paths += save_figure(figure, folder, name, formats=("png", "svg"))
     return paths
 
@@ -130,6 +137,7 @@ def _markdown(
     cells: TextTable,
     compared: Mapping[str, TextTable],
     rows: list[ContrastRow],
+    sections: Sequence[Section],
 ) -> str:
     plan = results.plan
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
@@ -146,14 +154,15 @@ def _markdown(
         f"## {results.measure.title}\n",
         "Mean ± standard deviation over seeds, and the 95 % interval of the mean.\n",
         cells.markdown(),
-        _beside_published(summaries, results),
+        beside_published(summaries, results),
     ]
     for name, table in compared.items():
         sides = plan.definition.get("contrasts", {}).get(name)
         title = f"{name}: {sides['treatment']} minus {sides['control']}" if sides else name
         parts += [f"## {title}\n", _legend(rows, results), table.markdown()]
     if any(row.published == row.published for row in rows):
-        parts += ["## What the published single runs can support\n", _published_verdict(rows)]
+        parts += ["## What the published single runs can support\n", published_verdict(rows)]
+    parts += [section.text for section in sections]
     return "\n".join(part for part in parts if part)
 
 
@@ -179,80 +188,6 @@ def _least_p(rows: list[ContrastRow], conditions: int) -> str:
     return (
         f" With {pairs} pairs and {conditions} conditions no corrected p can be below {least:.3f}: read the intervals."
     )
-
-
-def _beside_published(summaries: list[Summary], results: SweepResults) -> str:
-    """Median accuracy over converged seeds beside the published single run, for the first (clean) condition."""
-    known = [s for s in summaries if s.condition == results.conditions[0] and s.published == s.published]
-    if not known:
-        return ""
-    table = TextTable(
-        ["setting", "arm", "median over converged seeds", "published", "difference"],
-        [
-            [s.setting, s.arm, number(s.median), number(s.published), number(s.median - s.published, sign=True)]
-            for s in known
-        ],
-    )
-    return f"## {results.conditions[0].capitalize()} accuracy beside the published\n\n" + table.markdown()
-
-
-def _published_verdict(rows: list[ContrastRow]) -> str:
-    """How many published differences exceed what two runs of one network differ by, and how many have our sign."""
-    known = [row for row in rows if row.published == row.published and row.single_pair_reach == row.single_pair_reach]
-    if not known:
-        return "The sweep has no noise floor to compare the published figures with.\n"
-    table = TextTable(
-        [
-            "setting",
-            "condition",
-            "published",
-            "reach of one pair, seeds alone",
-            "beyond it",
-            "our difference",
-            "reading",
-        ],
-        [
-            [
-                row.setting,
-                row.condition,
-                number(row.published, sign=True),
-                f"± {number(row.single_pair_reach)}",
-                "yes" if abs(row.published) > row.single_pair_reach else "no",
-                _with_interval(row.paired),
-                _reading(row),
-            ]
-            for row in known
-        ],
-    )
-    beyond = sum(abs(row.published) > row.single_pair_reach for row in known)
-    readings = Counter(_reading(row) for row in known)
-    return (
-        f"Two runs of the *same* convolution that differ in their seeds alone stay within the reach given below 95 "
-        f"times in 100. Of {len(known)} published differences, each of one run against one run, {beyond} lie beyond "
-        f"it; a single pair cannot tell the other {len(known) - beyond} from chance. Over our seeds, by Holm-corrected "
-        f"Wilcoxon tests at 0.05: {readings['same sign']} have the published sign, {readings['opposite sign']} the "
-        f"opposite, {readings['undecided']} are undecided, {readings['too few pairs']} rest on fewer than "
-        f"{SEEDS_FOR_A_CLAIM} pairs.\n\n" + table.markdown()
-    )
-
-
-def _reading(row: ContrastRow) -> str:
-    if row.paired is None or row.exploratory:
-        return "too few pairs"
-    if not row.p_holm < 0.05:
-        return "undecided"
-    return "same sign" if row.paired.mean * row.published > 0 else "opposite sign"
-
-
-def _with_interval(difference: PairedDifference | None) -> str:
-    if difference is None:
-        return "–"
-    return f"{number(difference.mean, sign=True)} {interval(difference.low, difference.high, sign=True)}"
-
-
-def slug(name: str) -> str:
-    """A name as part of a file name."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name.replace(" ", ""))
 
 
 def _forest_row(row: ContrastRow) -> ForestRow:

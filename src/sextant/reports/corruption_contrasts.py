@@ -1,0 +1,122 @@
+"""Contrasts of a sweep corruption by corruption: errors of paired runs under a published set."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from sextant.evaluation import SEEDS_FOR_A_CLAIM, CorruptionDifferences, PairedDifference, corruption_differences
+from sextant.reports.contrasts import Sides, converged_pairs, dropped_pairs, named_contrasts, noise_floor
+from sextant.reports.results import CellResult, SweepResults
+
+Errors = Mapping[str, Float[ndarray, "pairs"]]
+
+
+@dataclass(frozen=True)
+class CorruptionContrast:
+    """One contrast in one setting; errors are shares in [0, 1], each the mean over a corruption's severities.
+
+    Attributes:
+        contrast: its name in the sweep.
+        setting: in which it was measured.
+        sides: the arms, ``treatment`` and ``control``.
+        is_floor: whether it is the sweep's noise floor.
+        treatment: errors of the pairs in which both runs converged, by corruption.
+        control: the same of the control.
+        differences: treatment minus control over these pairs; None without any.
+        floor: the same between the noise-floor arms; None without a floor or for the floor itself.
+        dropped: planned pairs left out because a run diverged, failed or is missing.
+    """
+
+    contrast: str
+    setting: str
+    sides: Sides
+    is_floor: bool
+    treatment: Errors
+    control: Errors
+    differences: CorruptionDifferences | None
+    floor: CorruptionDifferences | None
+    dropped: int
+
+    @property
+    def title(self) -> str:
+        """What is compared, for a heading."""
+        return f"{self.sides['treatment']} minus {self.sides['control']}"
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs of runs converged."""
+        return len(next(iter(self.treatment.values())))
+
+    @property
+    def exploratory(self) -> bool:
+        """Whether fewer pairs converged than a claim needs."""
+        return self.pairs < SEEDS_FOR_A_CLAIM
+
+    def error(self, side: Literal["treatment", "control"], corruption: str | None = None) -> float:
+        """Mean error of one side over the pairs, under a corruption or in the mean over all."""
+        return float(_of(self.treatment if side == "treatment" else self.control, corruption).mean())
+
+    def won_pairs(self, corruption: str | None = None) -> int:
+        """Pairs in which the treatment errs less under a corruption, or in the mean over all."""
+        return int((_of(self.treatment, corruption) < _of(self.control, corruption)).sum())
+
+
+def of_corruption(found: CorruptionDifferences | None, corruption: str | None) -> PairedDifference | None:
+    """The difference under one corruption, or that of the means over all."""
+    if found is None:
+        return None
+    return found.mean if corruption is None else found.by_corruption[corruption]
+
+
+def corruption_contrasts(results: SweepResults) -> list[CorruptionContrast]:
+    """Every contrast in every setting; ``ValueError`` if the runs were not tested under a published set."""
+    if results.shared is None:
+        raise ValueError("the runs were not tested under a published set of corruptions")
+    named = named_contrasts(results)
+    floor = noise_floor(results)
+    found = []
+    for name, sides in named.items():
+        for setting in results.settings:
+            treatment, control = _paired_errors(results, setting, sides)
+            beside = named.get(floor) if name != floor else None
+            found.append(
+                CorruptionContrast(
+                    contrast=name,
+                    setting=setting,
+                    sides=sides,
+                    is_floor=name == floor,
+                    treatment=treatment,
+                    control=control,
+                    differences=_differences(treatment, control),
+                    floor=None if beside is None else _differences(*_paired_errors(results, setting, beside)),
+                    dropped=dropped_pairs(results, setting, sides),
+                )
+            )
+    return found
+
+
+def _paired_errors(results: SweepResults, setting: str, sides: Sides) -> tuple[Errors, Errors]:
+    pairs = converged_pairs(results, setting, sides)
+    treatment, control = ([_by_corruption(pair[side]) for pair in pairs] for side in (0, 1))
+    names = results.shared.severities if results.shared is not None else ()
+    stacked = [{name: np.array([errors[name] for errors in arm]) for name in names} for arm in (treatment, control)]
+    return stacked[0], stacked[1]
+
+
+def _by_corruption(cell: CellResult) -> dict[str, float]:
+    assert cell.errors is not None  # of a run tested under a published set
+    return cell.errors.by_corruption()
+
+
+def _differences(treatment: Errors, control: Errors) -> CorruptionDifferences | None:
+    if not len(next(iter(treatment.values()))):
+        return None
+    return corruption_differences(treatment, control)
+
+
+def _of(errors: Errors, corruption: str | None) -> Float[ndarray, "pairs"]:
+    return np.mean(list(errors.values()), axis=0) if corruption is None else errors[corruption]

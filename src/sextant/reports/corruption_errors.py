@@ -1,0 +1,74 @@
+"""Errors of the arms of a sweep under a published set of corruptions, over seeds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sextant.evaluation import BENCHMARK_15, CorruptionBaseline, CorruptionErrors, mean_interval
+from sextant.reports.results import SweepResults
+from sextant.reports.shared_set import SharedSet
+from sextant.tasks.classification_report import BASELINES, SEVERITIES
+
+
+@dataclass(frozen=True)
+class OverSeeds:
+    """Mean, standard deviation and 95 % interval of the mean over converged runs; nan where there are too few."""
+
+    mean: float
+    spread: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "OverSeeds":
+        """Of one value a run."""
+        numbers = np.asarray(values, float)
+        mean = float(numbers.mean()) if len(numbers) else float("nan")
+        spread = float(numbers.std(ddof=1)) if len(numbers) > 1 else float("nan")
+        return cls(mean, spread, *mean_interval(numbers))
+
+
+@dataclass(frozen=True)
+class ArmErrors:
+    """Errors of one arm in one setting, as shares in [0, 1], one :class:`CorruptionErrors` a converged run."""
+
+    setting: str
+    arm: str
+    runs: Sequence[CorruptionErrors]
+
+    def mean(self) -> CorruptionErrors:
+        """The mean run; ``ValueError`` without any."""
+        if not self.runs:
+            raise ValueError(f"{self.setting}, {self.arm}: no run converged")
+        severities = {
+            name: tuple(float(value) for value in np.mean([run.severities[name] for run in self.runs], axis=0))
+            for name in self.runs[0].severities
+        }
+        return CorruptionErrors(float(np.mean([run.clean for run in self.runs])), severities)
+
+
+def arm_errors(results: SweepResults) -> list[ArmErrors]:
+    """Errors of every arm in every setting, in the order of the plan."""
+    found = []
+    for setting in results.settings:
+        for arm in results.arms:
+            cells = [cell for cell in results.of(setting, arm) if cell.outcome == "finished"]
+            found.append(ArmErrors(setting, arm, [cell.errors for cell in cells if cell.errors is not None]))
+    return found
+
+
+def baseline_of(shared: SharedSet) -> CorruptionBaseline | None:
+    """What corruption errors are divided by: needs one set with a baseline, and all five severities of a corruption."""
+    baseline = BASELINES.get(shared.key or "")
+    whole = all(len(levels) == SEVERITIES for levels in shared.severities.values())
+    return baseline if baseline is not None and whole and set(shared.severities) <= set(baseline.errors) else None
+
+
+def scored_sets(shared: SharedSet) -> dict[str, tuple[str, ...]]:
+    """Sets of corruptions that mCE is a mean over, by the heading of a column."""
+    everything = tuple(shared.severities)
+    sets = {f"of {len(everything)}": everything}
+    if set(BENCHMARK_15) < set(everything):
+        sets["of 15"] = BENCHMARK_15
+    return sets

@@ -1,0 +1,126 @@
+"""Tables of errors under a published set of corruptions; all in per cent, and differences in points."""
+
+from collections.abc import Mapping, Sequence
+
+from sextant.evaluation import CORRUPTION_FAMILIES, CorruptionBaseline, PairedDifference, corruption_score
+from sextant.figures.corruption_families import by_family
+from sextant.reports.corruption_contrasts import CorruptionContrast, of_corruption
+from sextant.reports.corruption_errors import ArmErrors, OverSeeds
+from sextant.reports.shared_set import SharedSet
+from sextant.reports.tables import TextTable, interval, number
+
+NOTHING = "–"
+
+
+def score_table(
+    arms: Sequence[ArmErrors], baseline: CorruptionBaseline, sets: Mapping[str, Sequence[str]]
+) -> TextTable:
+    """mCE and mean relative CE of each arm beside ``baseline``: mean ± standard deviation and interval over seeds."""
+    columns = ["setting", "arm", "seeds", *(f"{kind} {name}" for name in sets for kind in ("mCE", "relative mCE"))]
+    rows = []
+    for arm in arms:
+        cells = []
+        for corruptions in sets.values():
+            scores = [corruption_score(run, baseline, corruptions) for run in arm.runs]
+            cells.append(_over_seeds(OverSeeds.of([score.mean_ce for score in scores])))
+            cells.append(_over_seeds(OverSeeds.of([score.mean_relative_ce for score in scores])))
+        rows.append([arm.setting, arm.arm, str(len(arm.runs)), *cells])
+    return TextTable(columns, rows)
+
+
+def overview_table(contrasts: Sequence[CorruptionContrast]) -> TextTable:
+    """One row a contrast and setting: the mean difference and on how many corruptions it goes either way."""
+    columns = ["setting", "contrast", "pairs", "dropped", "E control", "E treatment", "difference", "95 % over seeds"]
+    columns += ["pairs won", "better on", "worse on", "better for certain", "worse for certain"]
+    rows = []
+    for contrast in contrasts:
+        name = f"{contrast.title}{' (noise floor)' if contrast.is_floor else ''}"
+        row = [contrast.setting, name, f"{contrast.pairs}{'†' if contrast.exploratory else ''}", str(contrast.dropped)]
+        found = contrast.differences
+        if found is None:
+            rows.append([*row, *[NOTHING] * (len(columns) - len(row))])
+            continue
+        counts = (found.wins, found.losses, found.certain_wins, found.certain_losses)
+        rows.append([*row, *_compared(contrast, None), *(f"{count}/{len(found.by_corruption)}" for count in counts)])
+    return TextTable(columns, rows)
+
+
+def difference_table(contrast: CorruptionContrast) -> TextTable:
+    """One row a corruption of one contrast in one setting, by family, the mean at the end; empty without pairs."""
+    columns = ["family", "corruption", "E control", "E treatment", "difference", "95 % over seeds", "pairs won"]
+    columns += ["noise floor"] if contrast.floor is not None else []
+    if contrast.differences is None:
+        return TextTable(columns, [])
+    names: list[tuple[str, str | None]] = [
+        (family, name) for family, members in by_family(contrast.treatment, CORRUPTION_FAMILIES) for name in members
+    ]
+    rows = []
+    for family, name in [*names, ("", None)]:
+        label = f"**mean of {len(names)}**" if name is None else name.replace("_", " ")
+        floor = [] if contrast.floor is None else [_with_interval(of_corruption(contrast.floor, name))]
+        rows.append([family, label, *_compared(contrast, name), *floor])
+    return TextTable(columns, rows)
+
+
+def _compared(contrast: CorruptionContrast, name: str | None) -> list[str]:
+    """Errors of both arms, their difference with its interval and the pairs won, under one corruption or over all."""
+    found = of_corruption(contrast.differences, name)
+    errors = [number(100 * contrast.error(side, name)) for side in ("control", "treatment")]
+    ends = (NOTHING, NOTHING) if found is None else _difference(found)
+    return [*errors, *ends, f"{contrast.won_pairs(name)}/{contrast.pairs}"]
+
+
+def error_rows(arms: Sequence[ArmErrors], shared: SharedSet) -> TextTable:
+    """Mean error of each arm by corruption and severity, for a file."""
+    columns = ["setting", "arm", "corruption", "severity", "seeds", "error", "spread", "low", "high"]
+    rows = []
+    for arm in arms:
+        conditions = [("clean", "", [run.clean for run in arm.runs])]
+        for name, levels in shared.severities.items():
+            for i, severity in enumerate(levels):
+                conditions.append((name, str(severity), [run.severities[name][i] for run in arm.runs]))
+        for name, at, values in conditions:
+            over = OverSeeds.of(values)
+            numbers = [str(100 * value) for value in (over.mean, over.spread, over.low, over.high)]
+            rows.append([arm.setting, arm.arm, name, at, str(len(values)), *numbers])
+    return TextTable(columns, rows)
+
+
+def difference_rows(contrasts: Sequence[CorruptionContrast]) -> TextTable:
+    """Every contrast in every setting by corruption, for a file; the mean over corruptions is called ``mean``."""
+    columns = ["contrast", "setting", "corruption", "pairs", "dropped", "control", "treatment"]
+    columns += ["difference", "low", "high", "pairs_won", "floor", "floor_low", "floor_high"]
+    rows = []
+    for contrast in contrasts:
+        for name in [*contrast.treatment, None] if contrast.differences is not None else []:
+            found, floor = of_corruption(contrast.differences, name), of_corruption(contrast.floor, name)
+            numbers = [contrast.error("control", name), contrast.error("treatment", name), *_ends(found)]
+            rows.append(
+                [
+                    *(contrast.contrast, contrast.setting, name or "mean", str(contrast.pairs), str(contrast.dropped)),
+                    *(str(100 * value) for value in numbers),
+                    str(contrast.won_pairs(name)),
+                    *("" if floor is None else str(100 * value) for value in _ends(floor)),
+                ]
+            )
+    return TextTable(columns, rows)
+
+
+def _ends(found: PairedDifference | None) -> tuple[float, float, float]:
+    return (float("nan"),) * 3 if found is None else (found.mean, found.low, found.high)
+
+
+def _difference(found: PairedDifference) -> tuple[str, str]:
+    return number(100 * found.mean, sign=True), interval(100 * found.low, 100 * found.high, sign=True)
+
+
+def _with_interval(found: PairedDifference | None) -> str:
+    if found is None:
+        return NOTHING
+    mean, ends = _difference(found)
+    return f"{mean} {ends}" if ends != NOTHING else mean
+
+
+def _over_seeds(value: OverSeeds) -> str:
+    mean, spread = number(100 * value.mean), number(100 * value.spread)
+    return f"{mean} ± {spread} {interval(100 * value.low, 100 * value.high)}"

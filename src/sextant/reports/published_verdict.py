@@ -1,0 +1,82 @@
+"""What a sweep says about published figures: our cells beside them, and what single published runs can support."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from sextant.evaluation import SEEDS_FOR_A_CLAIM, PairedDifference
+from sextant.reports.contrasts import ContrastRow
+from sextant.reports.results import SweepResults
+from sextant.reports.summary import Summary
+from sextant.reports.tables import TextTable, interval, number
+
+
+def beside_published(summaries: Sequence[Summary], results: SweepResults) -> str:
+    """Median over converged seeds beside the published single run, for the first (clean) condition; may be empty."""
+    known = [s for s in summaries if s.condition == results.conditions[0] and s.published == s.published]
+    if not known:
+        return ""
+    table = TextTable(
+        ["setting", "arm", "median over converged seeds", "published", "difference"],
+        [
+            [s.setting, s.arm, number(s.median), number(s.published), number(s.median - s.published, sign=True)]
+            for s in known
+        ],
+    )
+    return (
+        f"## {results.conditions[0].capitalize()} {results.measure.quantity} beside the published\n\n"
+        + table.markdown()
+    )
+
+
+def published_verdict(rows: Sequence[ContrastRow]) -> str:
+    """How many published differences exceed what two runs of one network differ by, and how many have our sign."""
+    known = [row for row in rows if row.published == row.published and row.single_pair_reach == row.single_pair_reach]
+    if not known:
+        return "The sweep has no noise floor to compare the published figures with.\n"
+    table = TextTable(
+        [
+            "setting",
+            "condition",
+            "published",
+            "reach of one pair, seeds alone",
+            "beyond it",
+            "our difference",
+            "reading",
+        ],
+        [
+            [
+                row.setting,
+                row.condition,
+                number(row.published, sign=True),
+                f"± {number(row.single_pair_reach)}",
+                "yes" if abs(row.published) > row.single_pair_reach else "no",
+                _with_interval(row.paired),
+                _reading(row),
+            ]
+            for row in known
+        ],
+    )
+    beyond = sum(abs(row.published) > row.single_pair_reach for row in known)
+    readings = Counter(_reading(row) for row in known)
+    return (
+        f"Two runs of the *same* convolution that differ in their seeds alone stay within the reach given below 95 "
+        f"times in 100. Of {len(known)} published differences, each of one run against one run, {beyond} lie beyond "
+        f"it; a single pair cannot tell the other {len(known) - beyond} from chance. Over our seeds, by Holm-corrected "
+        f"Wilcoxon tests at 0.05: {readings['same sign']} have the published sign, {readings['opposite sign']} the "
+        f"opposite, {readings['undecided']} are undecided, {readings['too few pairs']} rest on fewer than "
+        f"{SEEDS_FOR_A_CLAIM} pairs.\n\n" + table.markdown()
+    )
+
+
+def _reading(row: ContrastRow) -> str:
+    if row.paired is None or row.exploratory:
+        return "too few pairs"
+    if not row.p_holm < 0.05:
+        return "undecided"
+    return "same sign" if row.paired.mean * row.published > 0 else "opposite sign"
+
+
+def _with_interval(difference: PairedDifference | None) -> str:
+    if difference is None:
+        return "–"
+    return f"{number(difference.mean, sign=True)} {interval(difference.low, difference.high, sign=True)}"

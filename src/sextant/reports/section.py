@@ -1,0 +1,23 @@
+"""A part of a report: text, tables to be kept as files, and pictures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """What one part adds to a report.
+
+    Attributes:
+        text: Markdown, with its heading; empty if there is nothing to say.
+        files: further files by name.
+        figures: pictures by name, to be written beside the text.
+    """
+
+    text: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
+    figures: "Sequence[tuple[str, Figure]]" = ()
