@@ -8,7 +8,7 @@ from rich.table import Table
 
 from benchmarks.machine import describe_machine
 
-NAMES = ("start_up", "training_loop", "skip_cell", "worlds", "crops", "photos", "push_pull", "corruptions")
+NAMES = ("start_up", "training_loop", "skip_cell", "worlds", "crops", "photos", "push_pull", "corruptions", "retrieval")
 
 
 def main(names: list[str]) -> None:

@@ -12,6 +12,7 @@ from sextant.geometry import Parameterization, ParameterSpace
 NEEDED = {
     "corruption=files": ["corruption.folder=/nowhere"],
     "dataset=image_folder": ["dataset.folder=/nowhere"],
+    "dataset=place_folders": ["dataset.folder=/nowhere"],
     "dataset=panorama_folder": ["dataset.folder=/nowhere", "task=calibration"],
     "dataset=panorama_mix": ["dataset.sources.real.folder=/nowhere", "task=calibration"],
     "experiment=deepcalib_paper": ["dataset.folder=/nowhere"],

@@ -3,10 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from jaxtyping import TypeCheckError
-from scipy import stats
 
-from sextant.evaluation import retrieval
-from sextant.evaluation.retrieval import nearest_neighbours, recall_name, recall_within_frames
+from sextant.retrieval import nearest
+from sextant.retrieval.nearest import nearest_neighbours, prepare_references, search_prepared
 
 SIMILARITIES = ("cosine", "euclidean")
 
@@ -47,7 +46,7 @@ def test_the_size_of_the_blocks_changes_nothing(similarity, monkeypatch):
     query = reference[::3] + 1e-3 * rows(34, 33, 2)
     whole = nearest_neighbours(reference, query, 5, similarity)
     for block in (1, 700, 1900):
-        monkeypatch.setattr(retrieval, "BLOCK", block)
+        monkeypatch.setattr(nearest, "BLOCK", block)
         assert np.array_equal(nearest_neighbours(reference, query, 5, similarity), whole)
 
 
@@ -87,32 +86,53 @@ def test_bad_arguments_are_refused(reference, query, k, complaint):
         nearest_neighbours(reference, query, k)
 
 
-def test_the_name_of_a_recall_carries_its_protocol():
-    assert (recall_name(1), recall_name(10, 5)) == ("R@1_pm1f", "R@5_pm10f")
+@pytest.mark.parametrize("similarity", SIMILARITIES)
+@given(seed=st.integers(0, 999), groups=st.integers(1, 40), k=st.integers(1, 30), distinct=st.integers(2, 400))
+def test_the_bound_from_groups_loses_no_neighbour(similarity, seed, groups, k, distinct):
+    """Few distinct rows in random order: ties and crowded groups."""
+    places = np.random.default_rng(seed).integers(0, distinct, 700)
+    reference, query = rows(distinct, 6, seed)[places], rows(9, 6, seed + 1)
+    whole = nearest_neighbours(reference, query, k, similarity)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(nearest, "GROUPS", groups)
+        patch.setattr(nearest, "RECOMPARED", 30)
+        assert np.array_equal(nearest_neighbours(reference, query, k, similarity), whole)
+    by_score = by_hand(reference, query, len(reference), similarity)[:, :k]
+    assert np.array_equal(reference[whole], reference[by_score])
+
+
+def test_a_long_reference_is_searched_by_groups():
+    reference, query = rows(3 * nearest.GROUPS + 17, 8), rows(20, 8, 1)
+    query[0] = reference[-1]  # past the last whole group
+    assert np.array_equal(nearest_neighbours(reference, query, 7), by_hand(reference, query, 7, "cosine"))
 
 
 @pytest.mark.parametrize("similarity", SIMILARITIES)
-def test_identical_traverses_are_recalled_whole(similarity):
-    places = rows(200, 16)
-    assert recall_within_frames(places, places, 0, similarity) == 1
+def test_values_are_the_similarities_or_distances_of_the_neighbours(similarity):
+    reference, query = rows(60, 7), rows(11, 7, 1)
+    values, indices = search_prepared(prepare_references(reference, similarity), query, 5)
+    chosen, wide = reference[indices].astype(float), query[:, None].astype(float)
+    expected = np.linalg.norm(chosen - wide, axis=2)
+    if similarity == "cosine":
+        expected = (chosen * wide).sum(2) / np.linalg.norm(chosen, axis=2) / np.linalg.norm(wide, axis=2)
+    np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-6)
+    falling = values if similarity == "cosine" else -values
+    assert (np.diff(falling, axis=1) <= 0).all()
 
 
-@given(shift=st.integers(0, 6), tolerance=st.integers(0, 6))
-def test_a_shifted_traverse_is_recalled_within_the_shift(shift, tolerance):
-    places = rows(100, 16)
-    recall = recall_within_frames(places, np.roll(places, shift, axis=0), tolerance)
-    assert recall == (1 if shift == 0 else (1 - shift / 100) * (shift <= tolerance))
+@pytest.mark.parametrize(
+    ("reference", "complaint"),
+    [
+        (np.zeros((0, 3), np.float32), "at least one reference"),
+        (np.full((2, 3), 1e30, np.float32), "too long for float32"),
+        (np.zeros((2, 3)), "float32"),
+    ],
+)
+def test_bad_references_are_refused(reference, complaint):
+    with pytest.raises((ValueError, TypeCheckError), match=f"{complaint}|Type-check error"), np.errstate(over="ignore"):
+        prepare_references(reference, "euclidean")
 
 
-@pytest.mark.parametrize("tolerance", [0, 1, 3])
-def test_shuffled_traverses_are_recalled_by_chance(tolerance):
-    count, repeats = 300, 20
-    places, rng = rows(count, 16), np.random.default_rng(1)
-    hits = sum(count * recall_within_frames(places, places[rng.permutation(count)], tolerance) for _ in range(repeats))
-    low, high = stats.binom.interval(0.999, count * repeats, (2 * tolerance + 1) / count)
-    assert low <= hits <= high
-
-
-def test_traverses_of_different_length_are_refused():
-    with pytest.raises(ValueError, match="as many frames each; got 4 and 3"):
-        recall_within_frames(rows(4, 2), rows(3, 2))
+def test_an_unknown_similarity_is_refused():
+    with pytest.raises((ValueError, TypeCheckError), match=r"must be cosine or euclidean|Type-check error"):
+        prepare_references(rows(2, 3), "manhattan")

@@ -42,6 +42,10 @@ class PlaceDescriptor(ABC):
         chunks = [images[start : start + CHUNK] for start in range(0, max(len(images), 1), CHUNK)]
         return np.concatenate([self.describe_grey(grey_images(chunk, self.height, self.width)) for chunk in chunks])
 
+    def describe_query(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
+        """The same, of images of the query's condition; only descriptors learnt from pairs tell the two apart."""
+        return self.describe(images)
+
     @abstractmethod
     def describe_grey(self, grey: Float32[ndarray, "n h w"]) -> Float32[ndarray, "n d"]:
         """Descriptors of grey images in [0, 1] of this descriptor's size."""

@@ -22,3 +22,12 @@ CONVERGED_BELOW_CONSTANT = 0.8
 def calibration_converged(bearing_deg: float, constant_bearing_deg: float) -> bool:
     """Whether a trained calibration network learnt at all: ``error <= 0.8 x`` that of the constant camera."""
     return bearing_deg <= CONVERGED_BELOW_CONSTANT * constant_bearing_deg
+
+
+#: A run of place recognition has converged if its recall@1 on the validation split is at least this many times chance.
+CONVERGED_TIMES_CHANCE = 3.0
+
+
+def places_converged(recall_at_1: float, chance: float) -> bool:
+    """Whether a trained descriptor learnt at all: ``recall@1 >= min(3 chance, (1 + chance) / 2)``."""
+    return recall_at_1 >= min(CONVERGED_TIMES_CHANCE * chance, (1 + chance) / 2)

@@ -1,67 +1,140 @@
-"""Exact nearest neighbours among descriptors, and recall on traverses whose frames are aligned."""
+r"""Recall of places, under names that carry the protocol.
 
-from typing import Literal
+A query is *recalled at K* if one of its K most similar references is a positive. Two conventions are in use, and they
+differ where queries have no positive:
+
+- over all m queries, so that a query without a positive counts as missed (G. Berton et al., "Deep Visual
+  Geo-localization Benchmark", CVPR 2022): ``R@1``,
+- over the queries that have a positive (S. Schubert et al., "Visual Place Recognition: A Tutorial", 2023):
+  ``R@1_matchable``.
+
+A name such as ``R@1_pm1f_winter_to_summer`` is complete: the tolerance with its unit, then the traverse of the queries
+and that of the references. Published figures on one set of images differ in all three.
+
+Ranking at random recalls a query with p positives among n references with probability
+:math:`1 - \binom{n - p}{K} / \binom{n}{K}`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Integer
 from numpy import ndarray
+from scipy.special import gammaln
 
-from sextant.baselines.descriptor import unit_norm
+from sextant.evaluation.positives import Positives
+from sextant.retrieval.nearest import Similarity, nearest_neighbours
 
-Similarity = Literal["cosine", "euclidean"]
-
-#: Entries of the block of similarities that is held at a time: 64 MiB.
-BLOCK = 2**24
+RANKS = (1, 5, 10, 20)
 
 
-def nearest_neighbours(
-    reference: Float32[ndarray, "n d"],
-    query: Float32[ndarray, "m d"],
-    k: int = 1,
-    similarity: Similarity = "cosine",
-) -> Int64[ndarray, "m k"]:
-    """Indices of the k most similar reference descriptors, best first; of equal ones the lower index first.
+@dataclass(frozen=True)
+class RetrievalProtocol:
+    """What a figure of place recognition means; part of its name.
 
-    Blocks of queries are compared by one matrix product, in float32. Whatever its rounding could have placed among the
-    best k is compared again in float64, so that the result depends neither on the block nor on the BLAS.
+    Attributes:
+        tolerance: within which a reference is positive.
+        unit: of the tolerance: ``f`` for frames, ``m`` for metres.
+        query, reference: traverses or conditions; empty if there is but one pair.
+        heading_deg: tolerance of the heading in degrees, if there is one.
+    """
+
+    tolerance: float
+    unit: str = "f"
+    query: str = ""
+    reference: str = ""
+    heading_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.unit not in ("f", "m") or not self.tolerance >= 0:
+            raise ValueError(f"need a tolerance of at least 0 in f or m; got {self.tolerance} {self.unit!r}")
+        if bool(self.query) != bool(self.reference):
+            raise ValueError(f"name both traverses or none; got query={self.query!r}, reference={self.reference!r}")
+
+    def name(self, metric: str) -> str:
+        """The metric's name with the protocol: ``R@1_pm1f_winter_to_summer``, ``auc_5m_30deg``."""
+        size = f"pm{self.tolerance:g}f" if self.unit == "f" else f"{self.tolerance:g}m"
+        heading = "" if self.heading_deg is None else f"_{self.heading_deg:g}deg"
+        direction = f"_{self.query}_to_{self.reference}" if self.query else ""
+        return f"{metric}_{size}{heading}{direction}"
+
+
+@dataclass(frozen=True)
+class Recall:
+    """Recall at several K, in both conventions.
+
+    Attributes:
+        over_all: by K, over all queries; nan without queries.
+        over_matchable: by K, over the queries that have a positive; nan if none has.
+        chance: by K, of a random ranking, over all queries.
+        queries: how many.
+        unmatchable: how many of them have no positive.
+    """
+
+    over_all: dict[int, float]
+    over_matchable: dict[int, float]
+    chance: dict[int, float]
+    queries: int
+    unmatchable: int
+
+    def named(self, protocol: RetrievalProtocol) -> dict[str, float]:
+        """All figures under their full names."""
+        return {
+            **{protocol.name(f"R@{k}"): value for k, value in self.over_all.items()},
+            **{protocol.name(f"R@{k}_matchable"): value for k, value in self.over_matchable.items()},
+            **{protocol.name(f"R@{k}_chance"): value for k, value in self.chance.items()},
+            protocol.name("queries"): float(self.queries),
+            protocol.name("queries_without_positive"): float(self.unmatchable),
+        }
+
+
+def recall(neighbours: Integer[ndarray, "m k"], positives: Positives, ranks: Sequence[int] = RANKS) -> Recall:
+    """Recall at each of ``ranks`` from the neighbours found, most similar first.
 
     Args:
-        reference, query: one descriptor a row.
-        k: neighbours, in [1, n].
-        similarity: ``cosine`` (a row of zeros is at 0 to everything) or ``euclidean``.
+        neighbours: references found for every query.
+        positives: of the same queries.
+        ranks: K; those above the number of neighbours cannot be told.
 
     Raises:
-        ValueError: k is out of range, the dimensions differ, or a descriptor is not finite.
+        ValueError: a rank is below 1 or above the number of neighbours, or the neighbours do not fit to the positives.
     """
-    if reference.ndim != 2 or query.ndim != 2 or reference.shape[1] != query.shape[1]:
-        raise ValueError(f"need rows of one length; got {reference.shape} and {query.shape}")
-    if not 1 <= k <= len(reference):
-        raise ValueError(f"k={k} must be in [1, {len(reference)}], the number of reference descriptors")
-    if not (np.isfinite(reference).all() and np.isfinite(query).all()):
-        raise ValueError("a descriptor is not finite")
-    if similarity == "cosine":
-        reference, query = unit_norm(reference), unit_norm(query)
-    half = 0.5 * np.einsum("nd,nd->n", reference, reference) if similarity == "euclidean" else np.float32(0)
-    # rounding of a product of d terms is at most (d + 2) eps ||q|| ||r||, and the like for ||r||²
-    longest = float(np.linalg.norm(reference, axis=1).max())
-    rounding = (reference.shape[1] + 2) * float(np.finfo(np.float32).eps) * longest
-    lengths = np.linalg.norm(query, axis=1) + (longest if similarity == "euclidean" else 0)
-    found = np.empty((len(query), k), np.int64)
-    rows = max(1, BLOCK // len(reference))
-    for start in range(0, len(query), rows):
-        scores = query[start : start + rows] @ reference.T - half  # (rows, n)
-        worst = np.partition(scores, -k, axis=1)[:, -k]
-        for row, (score, kth) in enumerate(zip(scores, worst, strict=True), start):
-            close = np.flatnonzero(score >= kth - 2 * rounding * lengths[row])
-            settled = len(close) == 1 or lengths[row] == 0
-            exact = score[close] if settled else _exact(reference, query[row], close, similarity)
-            found[row] = close[np.argsort(-exact, kind="stable")[:k]]
-    return found
+    if not ranks or min(ranks) < 1 or max(ranks) > neighbours.shape[1]:
+        raise ValueError(f"ranks {tuple(ranks)} must be in [1, {neighbours.shape[1]}], the neighbours of each query")
+    found = np.logical_or.accumulate(positives.hits(neighbours), axis=1)
+    matchable, queries = positives.matchable, len(positives)
+    hits = {k: int(found[:, k - 1].sum()) for k in ranks}
+    return Recall(
+        over_all={k: _share(count, queries) for k, count in hits.items()},
+        over_matchable={k: _share(count, int(matchable.sum())) for k, count in hits.items()},
+        chance={k: chance_recall(positives, k) for k in ranks},
+        queries=queries,
+        unmatchable=positives.unmatchable,
+    )
+
+
+def chance_recall(positives: Positives, k: int = 1) -> float:
+    """Recall@K over all queries of a ranking at random, ``mean(1 - C(n - p, K) / C(n, K))``; nan without queries.
+
+    Raises:
+        ValueError: k is not in [1, n].
+    """
+    n = positives.references
+    if not 1 <= k <= n:
+        raise ValueError(f"k={k} must be in [1, {n}], the number of references")
+    if not len(positives):
+        return float("nan")
+    missable = np.maximum(n - positives.counts, 0).astype(float)
+    # C(n - p, K) / C(n, K) = (n - p)! (n - K)! / ((n - p - K)! n!), which is 0 if fewer than K are wrong
+    rest = np.maximum(missable - k, 0)
+    log_miss = gammaln(missable + 1) + gammaln(n - k + 1) - gammaln(rest + 1) - gammaln(n + 1)
+    return float(np.where(missable < k, 1.0, -np.expm1(log_miss)).mean())
 
 
 def recall_name(tolerance: int, k: int = 1) -> str:
     """The name of a recall with its protocol: ``R@1_pm1f`` counts a match within ±1 frame, over all queries."""
-    return f"R@{k}_pm{tolerance}f"
+    return RetrievalProtocol(tolerance).name(f"R@{k}")
 
 
 def recall_within_frames(
@@ -72,7 +145,7 @@ def recall_within_frames(
 ) -> float:
     """Recall@1 on aligned traverses, where query i and reference i show one place; ``recall_name`` is its name.
 
-    ``R@1 = |{i : |nn(i) - i| <= tolerance}| / m``, over all queries. Chance is ``(2 tolerance + 1) / n``.
+    ``R@1 = |{i : |nn(i) - i| <= tolerance}| / m``, over all queries. Chance is about ``(2 tolerance + 1) / n``.
 
     Args:
         reference, query: one descriptor a row, in the order of the frames.
@@ -84,15 +157,10 @@ def recall_within_frames(
     """
     if len(reference) != len(query):
         raise ValueError(f"aligned traverses have as many frames each; got {len(reference)} and {len(query)}")
-    nearest = nearest_neighbours(reference, query, 1, similarity)[:, 0]
-    return float((np.abs(nearest - np.arange(len(query))) <= tolerance).mean())
+    frames = np.arange(len(query))
+    nearest = nearest_neighbours(reference, query, 1, similarity)
+    return recall(nearest, Positives.within_frames(frames, frames, tolerance), (1,)).over_all[1]
 
 
-def _exact(
-    reference: Float32[ndarray, "n d"], query: Float32[ndarray, "d"], close: Int64[ndarray, "c"], kind: Similarity
-) -> ndarray:
-    """Similarities in float64, each summed in the same order."""
-    chosen = reference[close].astype(np.float64)
-    if kind == "cosine":
-        return np.asarray((chosen * query).sum(axis=1))
-    return np.asarray(-((chosen - query) ** 2).sum(axis=1))
+def _share(count: int, of: int) -> float:
+    return count / of if of else float("nan")

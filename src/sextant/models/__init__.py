@@ -1,11 +1,15 @@
 """Networks. Each backbone is built from ``in_channels``, ``image_size`` and ``num_classes``, the outputs it gives."""
 
 from sextant.models.alexnet_cifar import AlexNetCifar
+from sextant.models.caffenet import CaffeNet
 from sextant.models.calibration_net import CalibrationNet, CalibrationOutput, coordinate_channels
 from sextant.models.cost import LayerCost, NetworkCost, network_cost
 from sextant.models.densenet_cifar import DenseNetCifar
+from sextant.models.feature_map import FeatureMap
 from sextant.models.lenet import LeNet
 from sextant.models.oriented_cnn import OrientedCNN, OrientedGradients
+from sextant.models.place_cnn import LocalContrast, PlaceCNN
+from sextant.models.place_net import PlaceNet
 from sextant.models.published_checkpoint import PublishedCheckpoint, load_published
 from sextant.models.resnet_cifar import ResNetCifar
 from sextant.models.standardize import Standardize
@@ -15,14 +19,19 @@ from sextant.models.torchvision_backbone import torchvision_backbone
 
 __all__ = [
     "AlexNetCifar",
+    "CaffeNet",
     "CalibrationNet",
     "CalibrationOutput",
     "DenseNetCifar",
+    "FeatureMap",
     "LayerCost",
     "LeNet",
+    "LocalContrast",
     "NetworkCost",
     "OrientedCNN",
     "OrientedGradients",
+    "PlaceCNN",
+    "PlaceNet",
     "PublishedCheckpoint",
     "ResNetCifar",
     "Standardize",

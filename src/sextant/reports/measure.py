@@ -74,6 +74,16 @@ CALIBRATION = Measure(
     "its median bearing error on the validation split is above 0.8 of that of a constant camera",
     digits=3,
 )
+RECALL = Measure(
+    "Recall@1 on the test split, per cent",
+    "recall@1",
+    "difference in recall@1 (points)",
+    "mean",
+    "higher",
+    "its recall@1 on the validation split is below three times chance",
+)
+#: how the arrays of a run of place recognition are named that tell which queries the network finds
+FOUND_FIRST, FOUND_LAST = "R@1_", "/network"
 #: errors of the network that a run of calibration keeps, with their columns in a report
 CALIBRATION_ERRORS = {
     "bearing_deg": "bearing (deg)",
@@ -115,6 +125,10 @@ def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> 
     Raises:
         KeyError: they are not the arrays of a run.
     """
+    found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
+    if any(name.startswith(FOUND_FIRST) for name in found.values()):
+        single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}
+        return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()})
     if "labels" not in arrays:
         return RunValues(CALIBRATION, {title: arrays[f"{key}/network"] for key, title in CALIBRATION_ERRORS.items()})
     if shared is None:

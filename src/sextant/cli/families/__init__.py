@@ -9,6 +9,10 @@ def family_of(task: str) -> Family:
         from sextant.cli.families.calibration import CalibrationFamily
 
         return CalibrationFamily()
+    if task == "place_recognition":
+        from sextant.cli.families.place_recognition import PlaceRecognitionFamily
+
+        return PlaceRecognitionFamily()
     from sextant.cli.families.classification import ClassificationFamily
 
     return ClassificationFamily()

@@ -1,10 +1,10 @@
 """What is predicted of a camera, how wrong it is, and where cameras are drawn from."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import ConfigDict, Field, Tag
+from pydantic import ConfigDict, Field
 
-from sextant.config.schema.parts import CustomPart, Part, Positive, choose_part
+from sextant.config.schema.parts import Part, Positive
 
 
 class Parameterization(Part):
@@ -39,11 +39,3 @@ class BearingLoss(Part):
     target: Literal["sextant.losses.BearingLoss"] = Field(alias="_target_")
     mode: Literal["joint", "disentangled", "harmonic"]
     grid: int = Field(ge=2, le=64, examples=[7])
-
-
-Loss = Annotated[
-    Annotated[ParameterLoss, Tag("sextant.losses.ParameterLoss")]
-    | Annotated[BearingLoss, Tag("sextant.losses.BearingLoss")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(ParameterLoss, BearingLoss),
-]

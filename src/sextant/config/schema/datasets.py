@@ -7,6 +7,7 @@ from pydantic import Tag
 from sextant.config.schema.image_datasets import CIFAR10, MNIST, Digits, FashionMNIST, ImageFolder
 from sextant.config.schema.panorama_datasets import PanoramaFolder, PanoramaMix, TownPanoramas
 from sextant.config.schema.parts import CustomPart, choose_part
+from sextant.config.schema.place_datasets import Nordland, PlaceFolders
 from sextant.config.schema.world_datasets import OfficeWalk, TownCity, TownSeasons
 
 Dataset = Annotated[
@@ -21,6 +22,8 @@ Dataset = Annotated[
     | Annotated[TownSeasons, Tag("sextant.data.worlds.TownSeasons")]
     | Annotated[TownCity, Tag("sextant.data.worlds.TownCity")]
     | Annotated[OfficeWalk, Tag("sextant.data.worlds.OfficeWalk")]
+    | Annotated[Nordland, Tag("sextant.data.places.Nordland")]
+    | Annotated[PlaceFolders, Tag("sextant.data.places.PlaceFolders")]
     | Annotated[CustomPart, Tag("custom")],
     choose_part(
         Digits,
@@ -34,5 +37,7 @@ Dataset = Annotated[
         TownSeasons,
         TownCity,
         OfficeWalk,
+        Nordland,
+        PlaceFolders,
     ),
 ]

@@ -74,6 +74,29 @@ class OrientedCNN(Part):
         return self
 
 
+class PlaceCNN(Part):
+    """A small network for places."""
+
+    target: Literal["sextant.models.PlaceCNN"] = Field(alias="_target_")
+    widths: list[Annotated[int, Field(ge=8, le=4096, multiple_of=8)]] = Field(min_length=1, examples=["[32,64,96]"])
+    strides: list[Literal[1, 2]] = Field(min_length=1, examples=["[1,2,2]"])
+    window: int | None = Field(ge=3, le=255, examples=[9])
+
+    @model_validator(mode="after")
+    def _a_stride_a_width(self) -> Self:
+        if len(self.widths) != len(self.strides):
+            raise ValueError(f"backbone.strides={self.strides} must have one entry for each of {self.widths}")
+        if self.window is not None and self.window % 2 == 0:
+            raise ValueError(f"backbone.window={self.window} must be odd")
+        return self
+
+
+class CaffeNet(Part):
+    """The convolutions of AlexNet as in Caffe."""
+
+    target: Literal["sextant.models.CaffeNet"] = Field(alias="_target_")
+
+
 class TorchvisionBackbone(Part):
     """A torchvision network."""
 
@@ -97,6 +120,8 @@ Backbone = Annotated[
     | Annotated[AlexNetCifar, Tag("sextant.models.AlexNetCifar")]
     | Annotated[StridedCNN, Tag("sextant.models.StridedCNN")]
     | Annotated[OrientedCNN, Tag("sextant.models.OrientedCNN")]
+    | Annotated[PlaceCNN, Tag("sextant.models.PlaceCNN")]
+    | Annotated[CaffeNet, Tag("sextant.models.CaffeNet")]
     | Annotated[TorchvisionBackbone, Tag("sextant.models.torchvision_backbone")]
     | Annotated[TimmBackbone, Tag("sextant.models.timm_backbone")]
     | Annotated[CustomPart, Tag("custom")],
@@ -107,6 +132,8 @@ Backbone = Annotated[
         AlexNetCifar,
         StridedCNN,
         OrientedCNN,
+        PlaceCNN,
+        CaffeNet,
         TorchvisionBackbone,
         TimmBackbone,
     ),

@@ -5,23 +5,32 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from sextant.config.schema.augmentations import Augmentation
-from sextant.config.schema.cameras import Loss, Parameterization, Sampling
+from sextant.config.schema.cameras import BearingLoss, Parameterization, ParameterLoss, Sampling
 from sextant.config.schema.corruptions import CorruptionSuite, TestConditions
 from sextant.config.schema.datasets import Dataset
 from sextant.config.schema.environment import Paths, Tracking, Trainer
+from sextant.config.schema.losses import Loss
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.optimization import Optimizer, Schedule
 from sextant.config.schema.parts import CustomPart, Node, Part, Seed
+from sextant.config.schema.places import PLACE_LOSSES, Mining, Pooling
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task
 
-#: groups that one task alone uses, and whether it needs them
+#: groups that only some tasks use; those tasks need them, but for the ones that may be left out
 OWNED = {
-    "augmentation": ("classification", False),
-    "parameterization": ("calibration", True),
-    "loss": ("calibration", True),
-    "sampling": ("calibration", True),
-    "test_sampling": ("calibration", False),
+    "augmentation": (("classification",), False),
+    "parameterization": (("calibration",), True),
+    "loss": (("calibration", "place_recognition"), True),
+    "sampling": (("calibration",), True),
+    "test_sampling": (("calibration",), False),
+    "pooling": (("place_recognition",), True),
+    "mining": (("place_recognition",), True),
+}
+#: losses of the tasks that have a choice of them
+LOSSES_OF: dict[str, tuple[type[Part], ...]] = {
+    "calibration": (ParameterLoss, BearingLoss, CustomPart),
+    "place_recognition": (*PLACE_LOSSES, CustomPart),
 }
 
 
@@ -43,6 +52,8 @@ class Config(Node):
     loss: Loss | None = None
     sampling: Sampling | None = None
     test_sampling: Sampling | None = None
+    pooling: Pooling | None = None
+    mining: Mining | None = None
     seed: Seed = Field(examples=[0])
     init_from: str | None
     reuse: Literal["exact", "any_code"]
@@ -50,11 +61,13 @@ class Config(Node):
 
     @model_validator(mode="after")
     def _groups_belong_to_the_task(self) -> Self:
-        for name, (task, needed) in OWNED.items():
-            if self.task.name != task and getattr(self, name) is not None:
-                raise ValueError(f"{name} belongs to task={task}; leave it out, or choose that task")
-            if self.task.name == task and needed and getattr(self, name) is None:
-                raise ValueError(f"{name} is missing: task={task} needs one")
+        for name, (tasks, needed) in OWNED.items():
+            if self.task.name not in tasks and getattr(self, name) is not None:
+                raise ValueError(f"{name} belongs to task={' or '.join(tasks)}; leave it out, or choose that task")
+            if self.task.name in tasks and needed and getattr(self, name) is None:
+                raise ValueError(f"{name} is missing: task={self.task.name} needs one")
+        if self.loss is not None and not isinstance(self.loss, LOSSES_OF[self.task.name]):
+            raise ValueError(f"loss={self.loss.target} is not one of task={self.task.name}")
         return self
 
     def custom_targets(self) -> list[str]:
@@ -69,5 +82,5 @@ class Config(Node):
         ]
         if isinstance(self.corruption, CorruptionSuite):
             parts += self.corruption.corruptions.values()
-        parts += [part for part in (self.loss, self.augmentation) if part is not None]
+        parts += [part for part in (self.loss, self.augmentation, self.pooling, self.mining) if part is not None]
         return [part.target for part in parts if isinstance(part, CustomPart)]

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sextant.config.schema.parts import Count, Node, Positive, Seed, Share
+from sextant.config.schema.places import PlaceAugmentation, ToleranceByUnit
 from sextant.config.schema.splits import BySplit, ImageSide
 
 
@@ -33,4 +34,25 @@ class CalibrationTask(Node):
     test_checkpoint: Literal["last", "best"]
 
 
-Task = Annotated[ClassificationTask | CalibrationTask, Field(discriminator="name")]
+class PlaceRecognitionTask(Node):
+    """Place recognition by a descriptor."""
+
+    name: Literal["place_recognition"]
+    dimension: int = Field(ge=1, le=65536, examples=[128])
+    normalise: bool
+    layer: str | None = Field(examples=["layer3"])
+    batch_places: Count = Field(examples=[16])
+    batch_conditions: int = Field(ge=2, le=64, examples=[4])
+    tolerance: ToleranceByUnit
+    test_tolerance: ToleranceByUnit
+    train_conditions: list[str] | None = Field(examples=["[summer_noon,fog]"])
+    test_conditions: list[str] | None = Field(examples=["[summer_noon,night_clear]"])
+    shared_conditions: list[str] = Field(examples=["[summer_noon]"])
+    augmentation: PlaceAugmentation
+    clip: Positive = Field(examples=[1.0])
+    sequence_length: Count = Field(examples=[10])
+    baselines: bool
+    test_checkpoint: Literal["last", "best"]
+
+
+Task = Annotated[ClassificationTask | CalibrationTask | PlaceRecognitionTask, Field(discriminator="name")]

@@ -1,0 +1,193 @@
+"""Place recognition: how its parts are put together."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sextant.cli.assemble import build, build_dataset, build_training, part_name
+from sextant.cli.families.family import Family, Source, TestRecord
+from sextant.cli.work_progress import work_progress
+from sextant.config import Config
+from sextant.config.schema import PlaceRecognitionTask
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from sextant.data.places import PlaceSource
+    from sextant.data.places.datamodule import PlaceData
+    from sextant.tasks.place_recognition import PlaceRecognition
+
+
+#: height and width at which training-free and linear descriptors see images
+BASELINE_SIZE = (32, 64)
+
+
+class PlaceRecognitionFamily(Family):
+    """See :class:`~sextant.tasks.place_recognition.PlaceRecognition`."""
+
+    evaluation_example = "dataset=nordland"
+    sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
+    test_settings = ("baselines", "sequence_length", "test_tolerance")
+
+    def source(self, raw: Mapping[str, Any], config: Config) -> "PlaceSource":
+        """The dataset as a source of places."""
+        from sextant.data.places import ConditionSplit, ConditionSplitSource, as_place_source, rendered_place_source
+
+        source = as_place_source(build_dataset(raw, config))
+        world = rendered_place_source(source)
+        if world is not None:
+            world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+        task = _task(config)
+        if task.train_conditions is None and task.test_conditions is None:
+            return source
+        train, test = (None if c is None else tuple(c) for c in (task.train_conditions, task.test_conditions))
+        return ConditionSplitSource(source, ConditionSplit(train, test, tuple(task.shared_conditions)))
+
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
+        for split in ("train", "val", "test"):
+            source.files(split)
+
+    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+        """Network, and how it is trained."""
+        return {name: part_name(raw[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
+
+    def data(self, raw: Mapping[str, Any], config: Config, source: "PlaceSource") -> "PlaceData":
+        """Batches of places."""
+        from sextant.data.places.augmentation import PlaceAugmentation
+        from sextant.data.places.datamodule import PlaceData
+
+        task = _task(config)
+        return PlaceData(
+            source,
+            _tolerance(task.tolerance, source),
+            _tolerance(task.test_tolerance, source),
+            batch_places=task.batch_places,
+            batch_conditions=task.batch_conditions,
+            eval_batch_size=config.trainer.eval_batch_size,
+            seed=config.seed,
+            workers=config.trainer.workers,
+            augmentation=PlaceAugmentation(**task.augmentation.model_dump()),
+        )
+
+    def spec(self, raw: Mapping[str, Any], config: Config, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
+        """Shape of the images."""
+        data.setup("validate")
+        _, height, width, channels = data.split("val").images.shape
+        return {"channels": channels, "height": height, "width": width}
+
+    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
+        """The module of place recognition."""
+        from sextant.models import FeatureMap, PlaceNet
+        from sextant.tasks.place_recognition import PlaceRecognition, PlaceSpec
+
+        if raw["corruption"].get("corruptions"):
+            raise UserError(
+                "corruption: task=place_recognition tests under the conditions of its dataset", "corruption=none"
+            )
+        task, size = raw["task"], (spec["height"], spec["width"])
+        backbone = build(raw, "backbone", in_channels=spec["channels"], image_size=size, num_classes=task["dimension"])
+        try:
+            features = FeatureMap(backbone, spec["channels"], size, layer=task["layer"])
+            features = build(raw, "inhibition")(features)
+        except ValueError as error:
+            raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+        network = PlaceNet(
+            features,
+            build(raw, "pooling", channels=features.channels, size=features.size),
+            task["dimension"],
+            normalise=task["normalise"],
+            in_channels=spec["channels"],
+        )
+        return PlaceRecognition(
+            network,
+            PlaceSpec(spec["channels"], *size),
+            build(raw, "loss"),
+            build(raw, "mining"),
+            seed=raw["seed"],
+            clip=task["clip"],
+            **build_training(raw, training),
+        )
+
+    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: "PlaceSource") -> None:
+        """Raise a ``UserError`` unless the images have the shape of training; reads the validation split."""
+        _, height, width, channels = source.read("test").images.shape
+        if (channels, height, width) != (spec["channels"], spec["height"], spec["width"]):
+            raise UserError(
+                f"dataset={source.name} has images of {channels}x{height}x{width}, "
+                f"the model was trained on {spec['channels']}x{spec['height']}x{spec['width']}",
+                f"dataset.height={spec['height']} dataset.width={spec['width']} dataset.channels={spec['channels']}",
+            )
+
+    def record(self, module: "PlaceRecognition", data: "PlaceData", config: Config) -> TestRecord:
+        """The network beside training-free and linear descriptors: table, hits by query, figures."""
+        from sextant.models import network_cost
+        from sextant.tasks import place_report as report
+        from sextant.tasks.place_methods import network_descriptors
+
+        assert module.result is not None
+        task, result = _task(config), module.result
+        network, own = module.network.eval(), result.descriptors
+        data.setup("validate")
+        train = None
+        if task.baselines:
+            data.setup("fit")
+            train = data.split("train")
+        described = {"untrained network": _untrained(config, module, result.places), report.NETWORK: own}
+        with work_progress("comparing descriptors", "conditions") as progress:
+            found = report.compare(
+                described if task.baselines else {report.NETWORK: own},
+                result.places,
+                train,
+                data.test_tolerance,
+                sequence_length=task.sequence_length,
+                size=BASELINE_SIZE,
+                progress=progress,
+            )
+        val = data.split("val")
+        fitted = report.temperature(network_descriptors(network, val), val, data.test_tolerance)
+        spec = module.spec
+        cost = network_cost(network, (spec.height, spec.width), spec.channels)
+        return TestRecord(
+            report.arrays(found),
+            report.figures(found, own, result.places, data.test_tolerance),
+            report.metrics(found, report.posteriors_of(found, fitted)),
+            report.table(found, task.sequence_length),
+            facts={
+                "cost": {
+                    "multiplications": cost.macs,
+                    "pull_multiplications": cost.pull_macs,
+                    "descriptor_bytes": 4 * own.shape[1],
+                },
+                "skipped": list(result.places.skipped),
+                "baselines_left_out": {each.protocol.query: each.left_out for each in found},
+            },
+        )
+
+
+def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:
+    """Descriptors of the same network with first weights of the run's seed."""
+    import torch
+
+    from sextant.tasks.place_methods import network_descriptors
+
+    spec = module.spec
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        fresh = PlaceRecognitionFamily().module(
+            config.model_dump(by_alias=True),
+            {"channels": spec.channels, "height": spec.height, "width": spec.width},
+            training=False,
+        )
+    return network_descriptors(fresh.network.eval().to(module.device), places)
+
+
+def _task(config: Config) -> PlaceRecognitionTask:
+    assert isinstance(config.task, PlaceRecognitionTask)
+    return config.task
+
+
+def _tolerance(chosen: Any, source: "PlaceSource") -> Any:
+    """The tolerance in the unit in which the source knows its places."""
+    from sextant.data.places import PlaceTolerance
+
+    return PlaceTolerance(source.place_unit, **getattr(chosen, source.place_unit).model_dump())

@@ -1,0 +1,190 @@
+"""What a place descriptor is trained with: pooling, losses, mining, tolerances, augmentation."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, Tag, model_validator
+
+from sextant.config.schema.parts import Count, CustomPart, Node, NonNegative, Part, Positive, choose_part
+
+
+class Average(Part):
+    """Means of the channels."""
+
+    target: Literal["sextant.models.pooling.Average"] = Field(alias="_target_")
+
+
+class GeM(Part):
+    """Generalised means of the channels."""
+
+    target: Literal["sextant.models.pooling.GeM"] = Field(alias="_target_")
+    p: float = Field(ge=1, le=100, examples=[3.0])
+    train_p: bool
+
+
+class Flatten(Part):
+    """All cells of all channels."""
+
+    target: Literal["sextant.models.pooling.Flatten"] = Field(alias="_target_")
+    grid: list[Count] | None = Field(min_length=2, max_length=2, examples=["[3,4]"])
+
+
+class NetVLAD(Part):
+    """Residuals to learnt centres."""
+
+    target: Literal["sextant.models.pooling.NetVLAD"] = Field(alias="_target_")
+    clusters: int = Field(ge=2, le=1024, examples=[16])
+
+
+class FeatureMixer(Part):
+    """Mixing of cells, then of channels."""
+
+    target: Literal["sextant.models.pooling.FeatureMixer"] = Field(alias="_target_")
+    out_channels: Count = Field(examples=[64])
+    out_rows: Count = Field(examples=[4])
+    depth: Count = Field(examples=[4])
+    ratio: Positive = Field(examples=[1.0])
+
+
+Pooling = Annotated[
+    Annotated[Average, Tag("sextant.models.pooling.Average")]
+    | Annotated[GeM, Tag("sextant.models.pooling.GeM")]
+    | Annotated[Flatten, Tag("sextant.models.pooling.Flatten")]
+    | Annotated[NetVLAD, Tag("sextant.models.pooling.NetVLAD")]
+    | Annotated[FeatureMixer, Tag("sextant.models.pooling.FeatureMixer")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(Average, GeM, Flatten, NetVLAD, FeatureMixer),
+]
+
+
+class TripletRatioLoss(Part):
+    """The ratio loss."""
+
+    target: Literal["sextant.losses.TripletRatioLoss"] = Field(alias="_target_")
+    margin: float = Field(ge=0.01, examples=[0.01])
+    pair_weight: NonNegative = Field(examples=[0.0])
+
+
+class TripletMarginLoss(Part):
+    """The margin loss."""
+
+    target: Literal["sextant.losses.TripletMarginLoss"] = Field(alias="_target_")
+    margin: Positive = Field(examples=[0.1])
+    squared: bool
+
+
+class SoftMarginLoss(Part):
+    """The margin loss without a corner."""
+
+    target: Literal["sextant.losses.SoftMarginLoss"] = Field(alias="_target_")
+    scale: Positive = Field(examples=[1.0])
+
+
+class ContrastiveLoss(Part):
+    """The contrastive loss."""
+
+    target: Literal["sextant.losses.ContrastiveLoss"] = Field(alias="_target_")
+    margin: Positive = Field(examples=[0.5])
+
+
+class InfoNCELoss(Part):
+    """Cross-entropy of positives among negatives."""
+
+    target: Literal["sextant.losses.InfoNCELoss"] = Field(alias="_target_")
+    temperature: Positive = Field(examples=[0.07])
+
+
+class MultiSimilarityLoss(Part):
+    """The multi-similarity loss."""
+
+    target: Literal["sextant.losses.MultiSimilarityLoss"] = Field(alias="_target_")
+    alpha: Positive = Field(examples=[2.0])
+    beta: Positive = Field(examples=[50.0])
+    base: float = Field(ge=-1, le=1, examples=[0.5])
+    epsilon: NonNegative | None = Field(examples=[0.1])
+
+
+PLACE_LOSSES = (
+    TripletRatioLoss,
+    TripletMarginLoss,
+    SoftMarginLoss,
+    ContrastiveLoss,
+    InfoNCELoss,
+    MultiSimilarityLoss,
+)
+
+
+class NoMining(Part):
+    """All pairs of a batch."""
+
+    target: Literal["sextant.retrieval.NoMining"] = Field(alias="_target_")
+
+
+class RandomMining(Part):
+    """Triplets drawn at random."""
+
+    target: Literal["sextant.retrieval.RandomMining"] = Field(alias="_target_")
+    per_anchor: Count = Field(examples=[1])
+
+
+class SemiHardMining(Part):
+    """Negatives a little further than the positive."""
+
+    target: Literal["sextant.retrieval.SemiHardMining"] = Field(alias="_target_")
+    margin: Positive = Field(examples=[0.1])
+
+
+class BatchHardMining(Part):
+    """The hardest of the batch."""
+
+    target: Literal["sextant.retrieval.BatchHardMining"] = Field(alias="_target_")
+
+
+class CachedHardMining(Part):
+    """The hardest of a sample of the training set."""
+
+    target: Literal["sextant.retrieval.CachedHardMining"] = Field(alias="_target_")
+    refresh: Count = Field(examples=[100])
+    anchors: Count = Field(examples=[1000])
+    candidates: Count = Field(examples=[1000])
+    negatives: Count = Field(examples=[10])
+    positive: Literal["nearest", "random", "furthest"]
+
+
+Mining = Annotated[
+    Annotated[NoMining, Tag("sextant.retrieval.NoMining")]
+    | Annotated[RandomMining, Tag("sextant.retrieval.RandomMining")]
+    | Annotated[SemiHardMining, Tag("sextant.retrieval.SemiHardMining")]
+    | Annotated[BatchHardMining, Tag("sextant.retrieval.BatchHardMining")]
+    | Annotated[CachedHardMining, Tag("sextant.retrieval.CachedHardMining")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(NoMining, RandomMining, SemiHardMining, BatchHardMining, CachedHardMining),
+]
+
+
+class Tolerance(Node):
+    """Distance within one place and between two, in the unit that it is a key of."""
+
+    positive: NonNegative = Field(examples=[5.0])
+    negative: Positive = Field(examples=[25.0])
+    heading_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(examples=[40.0])
+
+    @model_validator(mode="after")
+    def _a_ring_between(self) -> Self:
+        if self.positive >= self.negative:
+            raise ValueError(f"positive={self.positive:g} must be below negative={self.negative:g}")
+        return self
+
+
+class ToleranceByUnit(Node):
+    """One for places known by position, one for those known by frame."""
+
+    m: Tolerance
+    frames: Tolerance
+
+
+class PlaceAugmentation(Node):
+    """How much training images are changed."""
+
+    brightness: NonNegative = Field(examples=[0.3])
+    contrast: NonNegative = Field(examples=[0.3])
+    shift: float = Field(ge=0, lt=0.5, examples=[0.05])

@@ -1,0 +1,25 @@
+"""Images of places under changing conditions: where they come from, who is at whose place, and batches for training.
+
+What needs torch (batches, augmentation) is imported from its own module: sources do not.
+"""
+
+from sextant.data.places.images import ImageRows, PlaceImages
+from sextant.data.places.nordland import Nordland
+from sextant.data.places.place_folders import PlaceFolders
+from sextant.data.places.source import PlaceSource, as_place_source, rendered_place_source
+from sextant.data.places.splits import ConditionSplit, ConditionSplitSource, FrameRanges
+from sextant.data.places.tolerance import PlaceTolerance
+
+__all__ = [
+    "ConditionSplit",
+    "ConditionSplitSource",
+    "FrameRanges",
+    "ImageRows",
+    "Nordland",
+    "PlaceFolders",
+    "PlaceImages",
+    "PlaceSource",
+    "PlaceTolerance",
+    "as_place_source",
+    "rendered_place_source",
+]

@@ -1,0 +1,116 @@
+"""Rides whose frames correspond: by equal names, or by their order."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sextant.data.places.image_files import images_below, natural_key
+from sextant.data.places.problem_list import problem_list
+from sextant.data.source import MissingDataError
+from sextant.errors import UserError
+
+
+@dataclass(frozen=True)
+class AlignedRides:
+    """Files by traverse, each with the number of its frame.
+
+    Attributes:
+        files: path by frame number, for each traverse.
+        count: of frames, those included that a traverse lacks.
+        missing: frames that a traverse lacks, as ``traverse/name``.
+    """
+
+    files: Mapping[str, Mapping[int, Path]]
+    count: int
+    missing: tuple[str, ...] = ()
+
+
+def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Path]]:
+    """The images of each traverse's folder in natural order of their names.
+
+    Args:
+        traverses: folder by name.
+        key: of the config, for messages: ``dataset.test``.
+
+    Raises:
+        MissingDataError: a folder does not exist, or has no images.
+        UserError: two traverses have one folder, or one lies in the other.
+    """
+    resolved = {name: folder.resolve() for name, folder in traverses.items()}
+    for name, folder in resolved.items():
+        if not folder.is_dir():
+            raise MissingDataError(
+                f"{key}.{name}={traverses[name]}: no such folder", f"Give a folder of images: {key}.{name}=<folder>"
+            )
+        for other, around in resolved.items():
+            if other != name and (folder == around or around in folder.parents):
+                raise UserError(
+                    f"{key}.{name}={traverses[name]} and {key}.{other}={traverses[other]} have the same files",
+                    "Each traverse needs a folder of its own.",
+                )
+    files = {name: images_below(folder) for name, folder in resolved.items()}
+    for name, paths in files.items():
+        if not paths:
+            raise MissingDataError(
+                f"{key}.{name}={traverses[name]} holds no images",
+                "Images are .jpg, .png, .tif, .webp, .bmp, .ppm, .avif.",
+            )
+    return files
+
+
+def align_by_name(
+    files: Mapping[str, Sequence[Path]], traverses: Mapping[str, Path], key: str, *, skip_missing: bool
+) -> AlignedRides:
+    """Frames of one name (without its suffix) are one place; numbers follow the natural order of all names.
+
+    Args:
+        files: by traverse.
+        traverses: folder of each; names are relative to it.
+        key: of the config, for messages.
+        skip_missing: let a traverse lack frames that another has; else that is an error.
+
+    Raises:
+        UserError: a traverse lacks frames (they are named), or has two of one name.
+    """
+    named: dict[str, dict[str, Path]] = {}
+    for name, paths in files.items():
+        root, own = traverses[name].resolve(), dict[str, Path]()
+        for path in paths:
+            stem = path.relative_to(root).with_suffix("").as_posix()
+            if stem in own:
+                raise UserError(
+                    f"{key}: {name} has two frames of one name: {own[stem].name} and {path.name}", "Remove one of them."
+                )
+            own[stem] = path
+        named[name] = own
+    stems = sorted(set().union(*named.values()), key=natural_key)
+    missing = tuple(f"{name}/{stem}" for name, own in named.items() for stem in stems if stem not in own)
+    if missing and not skip_missing:
+        counts = ", ".join(f"{name} {len(own):,}" for name, own in named.items())
+        raise UserError(
+            f"{key}: equal names are equal places, and {len(missing):,} frames lack a partner ({counts} frames)\n"
+            f"{problem_list(missing)}",
+            "Add them, or go on without (they are counted): dataset.skip_bad=true",
+        )
+    numbered = {name: {i: own[stem] for i, stem in enumerate(stems) if stem in own} for name, own in named.items()}
+    return AlignedRides(numbered, len(stems), missing)
+
+
+def align_by_order(files: Mapping[str, Sequence[Path]], key: str) -> AlignedRides:
+    """The i-th files of all traverses are one place.
+
+    Raises:
+        UserError: the traverses differ in length.
+    """
+    counts = {name: len(paths) for name, paths in files.items()}
+    if len(set(counts.values())) > 1:
+        listed = problem_list(
+            [f"{name}: {n:,} images, {files[name][0].name} to {files[name][-1].name}" for name, n in counts.items()]
+        )
+        raise UserError(
+            f"{key}: dataset.places=order takes the i-th images of all traverses for one place, "
+            f"and these differ in length\n{listed}",
+            "Remove what has no partner, or align them by equal names (dataset.places=name) "
+            "or by poses (dataset.places=csv or utm).",
+        )
+    return AlignedRides({name: dict(enumerate(paths)) for name, paths in files.items()}, max(counts.values()))

@@ -1,0 +1,75 @@
+"""Image files of any kind as bytes of one size."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+from PIL import Image, ImageOps
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
+#: what is decoded; no format whose decoder runs another program (EPS) is among them
+FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF")
+
+
+class UnreadableImageError(Exception):
+    """A file that cannot be decoded; says why, without its name."""
+
+
+def images_below(folder: Path) -> list[Path]:
+    """All image files below a folder, hidden ones left out; ``image2`` comes before ``image10``."""
+    return sorted(_images(folder), key=lambda path: natural_key(path.relative_to(folder).as_posix()))
+
+
+def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
+    """What names are sorted by so that numbers in them count as numbers; names that differ have different keys."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if k % 2 else (-1, part) for k, part in enumerate(parts)], name
+
+
+def decode_image(path: Path, height: int, width: int, channels: int) -> UInt8[ndarray, "height width channels"]:
+    """An image, turned upright by its EXIF orientation and stretched to ``height`` x ``width`` pixels.
+
+    One that has this size already keeps its values. Of 16 bits the upper eight are kept, so that frames of a ride stay
+    comparable; what is transparent becomes black.
+
+    Args:
+        path: of the file.
+        height: rows.
+        width: columns.
+        channels: 3 for RGB, 1 for grey.
+
+    Raises:
+        UnreadableImageError: it cannot be decoded.
+    """
+    try:
+        Image.init()  # until then Pillow knows the commonest formats alone
+        with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
+            if max(image.size) > 4 * max(height, width):
+                image.draft("RGB", (2 * max(height, width),) * 2)  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
+            upright = _eight_bits(ImageOps.exif_transpose(image)).convert("RGB" if channels == 3 else "L")
+            if upright.size != (width, height):
+                upright = upright.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
+            return np.asarray(upright).reshape(height, width, channels)
+    except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
+        size = path.stat().st_size if path.is_file() else 0
+        reason = "is empty" if size == 0 else f"cannot be decoded ({size:,} bytes): {str(error).split(chr(10))[0]}"
+        raise UnreadableImageError(reason) from None
+
+
+def _eight_bits(image: Image.Image) -> Image.Image:
+    if image.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
+        return Image.fromarray((np.asarray(image).clip(0, 65535) >> 8).astype(np.uint8))
+    if image.mode == "F":
+        raise ValueError("floating-point numbers, whose white is not known: convert it to 8 or 16 bits")
+    if image.mode in ("LA", "PA", "La", "RGBa", "RGBA") or "transparency" in image.info:
+        layer = image.convert("RGBA")
+        return Image.alpha_composite(Image.new("RGBA", layer.size, (0, 0, 0, 255)), layer)
+    return image
+
+
+def _images(folder: Path) -> Iterator[Path]:
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))

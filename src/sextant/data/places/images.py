@@ -1,0 +1,209 @@
+"""Images of places: pixels that may lie on disk, and where each was taken."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, UInt8
+from numpy import ndarray
+
+from sextant.data.places.tolerance import PlaceTolerance
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+class ImageRows:
+    """Some images of an array that may be a map of a file: only those that are asked for are read.
+
+    Args:
+        images: ``(n, h, w, c)`` bytes.
+        rows: which of them, in order; None for all.
+    """
+
+    def __init__(self, images: UInt8[ndarray, "n h w c"], rows: Int64[ndarray, "m"] | None = None):
+        self._images = np.asarray(images)  # a plain view of a map is quick to index
+        self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Number of images, height, width, channels."""
+        return (len(self), *self._images.shape[1:])
+
+    def __getitem__(self, indices: int | slice | Sequence[int] | ndarray) -> UInt8[ndarray, "*k h w c"]:
+        """Images by index, copied into memory."""
+        rows = self._rows[indices]
+        return self._images[rows] if isinstance(rows, ndarray) else self._images[rows].copy()
+
+    def __array__(self, dtype: object = None, copy: bool | None = None) -> ndarray:
+        return np.asarray(self[:], dtype)  # type: ignore[call-overload,no-any-return]
+
+    def select(self, indices: ndarray) -> "ImageRows":
+        """Some of these images, still on disk."""
+        return ImageRows(self._images, self._rows[indices])
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceImages:
+    """Images of one split with the place of each.
+
+    A *traverse* is one drive under one condition. Places are known by position, by frame number along rides that are
+    aligned, or by both.
+
+    Attributes:
+        images: bytes ``(n, h, w, c)``, read when they are indexed.
+        traverse: traverse of each image.
+        conditions: a name for each traverse.
+        frame: number of each image along its traverse.
+        names: a name for each image: its file, where it has one.
+        position_m: x and y in metres, or None.
+        heading_deg: direction of view in degrees, from and to any side so long as it is the same for all; or None.
+        aligned: equal frames of two traverses show one place.
+        skipped: files that were left out because they cannot be used, each with the reason.
+    """
+
+    images: ImageRows
+    traverse: Int64[ndarray, "n"]
+    conditions: tuple[str, ...]
+    frame: Int64[ndarray, "n"]
+    names: tuple[str, ...]
+    position_m: Float64[ndarray, "n 2"] | None = None
+    heading_deg: Float64[ndarray, "n"] | None = None
+    aligned: bool = True
+    skipped: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        columns = (self.traverse, self.frame, self.names, self.position_m, self.heading_deg)
+        lengths = {len(self.images), *(len(column) for column in columns if column is not None)}
+        if len(lengths) > 1:
+            raise ValueError(f"columns of different lengths: {sorted(lengths)}")
+        if not self.aligned and self.position_m is None:
+            raise ValueError("places need positions, or frames that are aligned")
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def rows_of(self, condition: str) -> Int64[ndarray, "k"]:
+        """Indices of the images of one traverse, in the order of their frames.
+
+        Raises:
+            UserError: there is no such condition.
+        """
+        if condition not in self.conditions:
+            raise UserError(
+                f"there is no condition {condition!r}; there are {', '.join(self.conditions)}", "Choose one of these."
+            )
+        rows = np.flatnonzero(self.traverse == self.conditions.index(condition))
+        return rows[np.argsort(self.frame[rows], kind="stable")]
+
+    def select(self, rows: Int64[ndarray, "k"]) -> "PlaceImages":
+        """Some of the images, with the names of all conditions kept."""
+
+        def part(column: ndarray | None) -> ndarray | None:
+            return None if column is None else column[rows]
+
+        return replace(
+            self,
+            images=self.images.select(rows),
+            traverse=self.traverse[rows],
+            frame=self.frame[rows],
+            names=tuple(self.names[row] for row in rows),
+            position_m=part(self.position_m),
+            heading_deg=part(self.heading_deg),
+        )
+
+    def only_conditions(self, names: Sequence[str]) -> "PlaceImages":
+        """The traverses of these conditions, renumbered in this order.
+
+        Raises:
+            UserError: there is no such condition.
+        """
+        rows = np.concatenate([self.rows_of(name) for name in names])
+        part = self.select(rows)
+        traverse = np.repeat(np.arange(len(names)), [len(self.rows_of(name)) for name in names])
+        return replace(part, traverse=traverse, conditions=tuple(names))
+
+    def positives(
+        self, queries: Int64[ndarray, "q"], references: Int64[ndarray, "r"], tolerance: PlaceTolerance
+    ) -> "csr_array":
+        """Who is at whose place: a sparse boolean matrix ``(q, r)`` by the positive tolerance.
+
+        An image is no positive of itself. A query without any has an empty row: count these by
+        ``np.diff(matrix.indptr) == 0``. The columns of a row are sorted; memory grows with the number of positives.
+
+        Args:
+            queries: indices of images.
+            references: indices of images.
+            tolerance: of one place.
+
+        Raises:
+            UserError: places are not known in the tolerance's unit, or headings are not known.
+        """
+        from sextant.data.places.nearby import heading_difference_deg, keep_pairs
+
+        pairs = self._within(queries, references, tolerance, tolerance.positive, strict=False)
+        query, reference = _rows_and_columns(pairs, queries, references)
+        keep = query != reference
+        if tolerance.heading_deg is not None:
+            if self.heading_deg is None:
+                raise UserError(
+                    f"tolerance.heading_deg={tolerance.heading_deg:g}, but headings of these images are not known",
+                    "tolerance.heading_deg=null",
+                )
+            angle = heading_difference_deg(self.heading_deg[query], self.heading_deg[reference])
+            keep &= angle <= tolerance.heading_deg
+        return keep_pairs(pairs, keep)
+
+    def not_negatives(
+        self, queries: Int64[ndarray, "q"], references: Int64[ndarray, "r"], tolerance: PlaceTolerance
+    ) -> "csr_array":
+        """Pairs nearer than the negative tolerance, whatever their headings: positives, the ring, and the image itself.
+
+        All other pairs are negatives; of these, those that are no :meth:`positives` are ignored.
+        """
+        return self._within(queries, references, tolerance, tolerance.negative, strict=True)
+
+    def _within(
+        self, queries: ndarray, references: ndarray, tolerance: PlaceTolerance, distance: float, *, strict: bool
+    ) -> "csr_array":
+        from sextant.data.places.nearby import within_distance, within_frames
+
+        if tolerance.unit == "frames":
+            if not self.aligned:
+                raise UserError(
+                    "tolerance.unit=frames, but these traverses are not aligned: places are known by position",
+                    "For example tolerance.unit=m tolerance.positive=5 tolerance.negative=25",
+                )
+            return within_frames(self.frame[queries], self.frame[references], distance, strict=strict)
+        if self.position_m is None:
+            raise UserError(
+                "tolerance.unit=m, but positions of these images are not known: places are known by frame",
+                "For example tolerance.unit=frames tolerance.positive=1 tolerance.negative=10",
+            )
+        return within_distance(self.position_m[queries], self.position_m[references], distance, strict=strict)
+
+    @cached_property
+    def flat(self) -> Bool[ndarray, "n"]:
+        """Images without content, such as tunnels; see :func:`~sextant.data.places.flat_frames.flat_frames`."""
+        from sextant.data.places.flat_frames import flat_frames
+
+        return flat_frames(self.images)
+
+    @cached_property
+    def still(self) -> Bool[ndarray, "n"]:
+        """Images like the one before, such as at a stop; see :func:`~sextant.data.places.flat_frames.still_frames`."""
+        from sextant.data.places.flat_frames import still_frames
+
+        return still_frames(self.images, self.traverse, self.frame)
+
+
+def _rows_and_columns(pairs: "csr_array", queries: ndarray, references: ndarray) -> tuple[ndarray, ndarray]:
+    """Indices of the images of every stored pair."""
+    rows = np.repeat(np.arange(pairs.shape[0]), np.diff(pairs.indptr))
+    return np.asarray(queries)[rows], np.asarray(references)[pairs.indices]

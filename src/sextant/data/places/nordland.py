@@ -1,0 +1,161 @@
+"""Nordland: one railway line filmed in several seasons, frame-aligned; or any other rides in a folder a season.
+
+Source: N. Sünderhauf, P. Neubert, P. Protzel, "Are we there yet? Challenging SeqSLAM on a 3000 km journey across all
+four seasons", ICRA Workshop on Long-Term Autonomy, 2013. Filmed by NRK.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sextant.data.places.aligned import AlignedRides, align_by_name, traverse_files
+from sextant.data.places.decoded_images import ImageSize, read_images
+from sextant.data.places.images import PlaceImages
+from sextant.data.places.source import SPLITS, Split
+from sextant.data.places.splits import FrameRanges
+from sextant.data.source import MissingDataError, file_sha256
+from sextant.errors import UserError
+
+
+class Nordland:
+    """Frames in ``nordland/<season>/*.png``; equal names are equal places, numbered from 0 in their order.
+
+    Splits are ranges of frames, so that they share no place. Dark and repeated frames (tunnels, stops) are kept; they
+    are flagged by :attr:`PlaceImages.flat <sextant.data.places.PlaceImages.flat>` and ``still``.
+
+    Args:
+        conditions: the seasons' folders; the first is the map by custom.
+        frames: by split, the first frame and the one after the last (None: to the end).
+        height: rows of the images.
+        width: columns of the images.
+        channels: 3 for colour, 1 for grey.
+        folder: that holds the seasons, absolute or below one of the ``roots``.
+        skip_bad: leave out frames that cannot be decoded, and let a season lack frames; else these are errors.
+        roots: folders to look in; decoded images are kept in the last.
+
+    Raises:
+        UserError: an argument has no meaning.
+    """
+
+    name = "nordland"
+    place_unit: Literal["m", "frames"] = "frames"
+
+    def __init__(
+        self,
+        conditions: Sequence[str] = ("summer", "winter"),
+        frames: Mapping[str, Sequence[int | None]] | None = None,
+        height: int = 32,
+        width: int = 64,
+        channels: int = 3,
+        folder: str = "nordland",
+        skip_bad: bool = False,
+        roots: Sequence[Path | str] = (),
+    ):
+        self.conditions = tuple(conditions)
+        if not conditions or len(set(conditions)) < len(conditions):
+            raise UserError(
+                f"dataset.conditions={list(conditions)} must name folders, each once",
+                "dataset.conditions='[summer,winter]'",
+            )
+        default = {"train": (0, 1600), "val": (1600, 1650), "test": (1650, 2400)}
+        self.ranges = FrameRanges.of(frames or default)
+        self.size, self.skip_bad = ImageSize(height, width, channels), skip_bad
+        self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
+        self.cache = Path(roots[-1]) if roots else None
+
+    @cached_property
+    def folder(self) -> Path:
+        """The first of the places looked in that is a folder."""
+        for path in self.looked:
+            if path.is_dir():
+                return path
+        places = "\n".join(f"  {path}" for path in self.looked)
+        raise MissingDataError(
+            f"dataset={self.name}: no such folder. Looked for\n{places}",
+            "Put the frames of each season into a folder there, such as nordland/summer and nordland/winter, with "
+            "equal names for\nequal places, or set SEXTANT_DATA to the folder that holds nordland. "
+            "Without any download: dataset=town_seasons",
+        )
+
+    @cached_property
+    def rides(self) -> AlignedRides:
+        """The files of all seasons by frame number.
+
+        Raises:
+            UserError: a season is not there, has no images, or lacks frames (these are named).
+        """
+        traverses = {name: self.folder / name for name in self.conditions}
+        there = sorted(path.name for path in self.folder.iterdir() if path.is_dir())
+        absent = [name for name in self.conditions if name not in there]
+        if absent:
+            raise MissingDataError(
+                f"dataset.conditions={list(self.conditions)}: {self.folder} has no folder {', '.join(absent)}; "
+                f"it has {', '.join(there) or 'none'}",
+                "Name folders that are there, or add the frames of that season.",
+            )
+        key = f"dataset={self.name}"
+        return align_by_name(traverse_files(traverses, key), traverses, key, skip_missing=self.skip_bad)
+
+    def files(self, split: Split) -> list[Path]:
+        """The frames of a split, season by season; nothing is decoded.
+
+        Raises:
+            UserError: the folder or frames of a season are missing, or the split's range goes beyond the last frame.
+        """
+        return [path for _, _, path in self._entries(split)]
+
+    def _entries(self, split: Split) -> list[tuple[int, int, Path]]:
+        """Traverse, frame and file of each image."""
+        chosen = self.ranges.of_split(split, self.rides.count)
+        return [
+            (traverse, frame, self.rides.files[name][frame])
+            for traverse, name in enumerate(self.conditions)
+            for frame in chosen
+            if frame in self.rides.files[name]
+        ]
+
+    def fingerprint(self) -> str:
+        """Hash of the names and contents of all frames, of how they are split, and of their size."""
+        entries = [
+            [split, [[t, frame, path.name, file_sha256(path)] for t, frame, path in self._entries(split)]]
+            for split in SPLITS
+        ]
+        size = [self.size.height, self.size.width, self.size.channels]
+        return hashlib.sha256(json.dumps([entries, self.conditions, size]).encode()).hexdigest()
+
+    def read(self, split: Split) -> PlaceImages:
+        """The frames of a split, decoded at the first time and mapped from the cache from then on.
+
+        Raises:
+            UserError: frames are missing or cannot be decoded; they are named.
+        """
+        entries = self._entries(split)
+        decoded = read_images(
+            [path for _, _, path in entries],
+            self.size,
+            self.cache,
+            what=f"{split} frames of dataset={self.name}",
+            skip_bad=self.skip_bad,
+        )
+        kept = [entries[i] for i in decoded.kept]
+        traverse, frame = np.array([(t, i) for t, i, _ in kept], np.int64).reshape(-1, 2).T
+        for k, name in enumerate(self.conditions):
+            if not np.any(traverse == k):
+                raise UserError(
+                    f"dataset={self.name}: {name} has no {split} frame that can be read",
+                    f"Add frames, or choose others: dataset.frames.{split}",
+                )
+        lacking = tuple(f"{name} is missing" for name in self.rides.missing)
+        return PlaceImages(
+            decoded.images,
+            np.ascontiguousarray(traverse),
+            self.conditions,
+            np.ascontiguousarray(frame),
+            tuple(f"{self.conditions[t]}/{path.name}" for t, _, path in kept),
+            skipped=decoded.bad + lacking,
+        )

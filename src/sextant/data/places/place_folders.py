@@ -1,0 +1,254 @@
+"""The user's own places: a folder of images a traverse, placed by poses or by their order."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.places.aligned import align_by_name, align_by_order, traverse_files
+from sextant.data.places.decoded_images import ImageSize, read_images
+from sextant.data.places.images import PlaceImages
+from sextant.data.places.pose_files import Pose, table_poses, utm_poses
+from sextant.data.places.problem_list import problem_list
+from sextant.data.places.source import SPLITS, Split
+from sextant.data.source import MissingDataError, file_sha256
+from sextant.errors import UserError
+
+Places = Literal["csv", "utm", "order", "name"]
+PLACES: tuple[Places, ...] = get_args(Places)
+#: traverses of a test that names none, map first
+REFERENCE_AND_QUERY = {"reference": "reference", "query": "query"}
+
+
+class _Entry(NamedTuple):
+    traverse: int
+    frame: int
+    path: Path
+    pose: Pose | None
+
+
+class PlaceFolders:
+    """Reference and query folders, or any number of traverses.
+
+    How places are known:
+
+    ========= ==========================================================================================================
+    ``csv``   a table ``file,x,y[,heading]`` in each traverse's folder, or one in the folder around them all
+    ``utm``   names ``@UTM_east@UTM_north@...`` as the VPR community writes them
+    ``name``  equal names of two traverses are one place
+    ``order`` the i-th images of all traverses, by the natural order of their names, are one place
+    ========= ==========================================================================================================
+
+    Tables and names are described in :mod:`~sextant.data.places.pose_files`.
+
+    Args:
+        folder: around the traverses, absolute, or relative to the working directory or one of the ``roots``.
+        train: folder of each traverse below ``folder``, by the name of its condition; None if there is no such split.
+        val: likewise.
+        test: likewise, the map first; None for the folders ``reference`` and ``query``.
+        places: how places are known, see above.
+        csv: name of the tables.
+        height: rows that images are stretched to.
+        width: columns that images are stretched to.
+        channels: 3 for colour, 1 for grey.
+        skip_bad: leave out files that cannot be decoded, and for ``places=name`` those without a partner.
+        allow_duplicates: let a split have files of equal content.
+        roots: folders to look in as well; decoded images are kept in the last.
+
+    Raises:
+        UserError: an argument has no meaning.
+    """
+
+    name = "place_folders"
+
+    def __init__(
+        self,
+        folder: str,
+        train: Mapping[str, str] | None = None,
+        val: Mapping[str, str] | None = None,
+        test: Mapping[str, str] | None = None,
+        places: Places = "csv",
+        csv: str = "poses.csv",
+        height: int = 64,
+        width: int = 96,
+        channels: int = 3,
+        skip_bad: bool = False,
+        allow_duplicates: bool = False,
+        roots: Sequence[Path | str] = (),
+    ):
+        if places not in PLACES:
+            raise UserError(f"dataset.places={places!r} must be one of {', '.join(PLACES)}", "dataset.places=order")
+        self.places, self.csv = places, csv
+        self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
+        self.cache = Path(roots[-1]) if roots else None
+        self.splits: dict[Split, Mapping[str, str] | None] = {"train": train, "val": val, "test": test or REFERENCE_AND_QUERY}
+        self.size, self.skip_bad, self.allow_duplicates = ImageSize(height, width, channels), skip_bad, allow_duplicates
+
+    @property
+    def place_unit(self) -> Literal["m", "frames"]:
+        """Metres where there are poses, frames where there is an order."""
+        return "m" if self.places in ("csv", "utm") else "frames"
+
+    @property
+    def folder(self) -> Path:
+        """The first of the places looked in that is a folder."""
+        for path in self.looked:
+            if path.is_dir():
+                return path
+        places = "\n".join(f"  {path}" for path in self.looked)
+        raise MissingDataError(
+            f"dataset.folder: no such folder. Looked for\n{places}",
+            "Give the folder around the traverses: dataset.folder=/path/to/places "
+            "dataset.test='{reference: first, query: second}'. Without images of your own: dataset=town_seasons",
+        )
+
+    def files(self, split: Split) -> list[Path]:
+        """The images of a split, traverse by traverse; nothing is decoded.
+
+        Raises:
+            UserError: a folder is missing or empty, or traverses that should be aligned are not.
+        """
+        return [entry.path for entry in self._aligned(split)[0]]
+
+    def fingerprint(self) -> str:
+        """Hash of the names, contents and places of all images, of how they are split, and of their size."""
+        entries = [
+            [split, [[e.traverse, e.frame, e.path.name, file_sha256(e.path), e.pose] for e in self._entries(split)[0]]]
+            for split in SPLITS
+            if self.splits[split]
+        ]
+        conditions = [list(chosen or ()) for chosen in self.splits.values()]
+        size = [self.size.height, self.size.width, self.size.channels]
+        return hashlib.sha256(json.dumps([self.places, entries, conditions, size]).encode()).hexdigest()
+
+    def read(self, split: Split) -> PlaceImages:
+        """The images of a split, decoded at the first time and mapped from the cache from then on.
+
+        Raises:
+            UserError: files or poses are missing, double or cannot be read; they are named.
+        """
+        entries, missing = self._entries(split)
+        if not self.allow_duplicates:
+            _refuse_duplicates([entry.path for entry in entries], f"dataset.{split}")
+        decoded = read_images(
+            [entry.path for entry in entries],
+            self.size,
+            self.cache,
+            what=f"{split} images of dataset={self.name}",
+            skip_bad=self.skip_bad,
+        )
+        kept = [entries[i] for i in decoded.kept]
+        conditions = tuple(self._traverses(split))
+        traverse = np.array([entry.traverse for entry in kept], np.int64)
+        for k, name in enumerate(conditions):
+            if not np.any(traverse == k):
+                raise UserError(f"dataset.{split}.{name}: none of its images can be read", "Replace them.")
+        position, heading = _columns([entry.pose for entry in kept if entry.pose is not None])
+        return PlaceImages(
+            decoded.images,
+            traverse,
+            conditions,
+            np.array([entry.frame for entry in kept], np.int64),
+            tuple(f"{conditions[entry.traverse]}/{entry.path.name}" for entry in kept),
+            position,
+            heading,
+            aligned=self.place_unit == "frames",
+            skipped=decoded.bad + tuple(f"{name} is missing" for name in missing),
+        )
+
+    def _traverses(self, split: Split) -> dict[str, Path]:
+        """The folder of each traverse.
+
+        Raises:
+            MissingDataError: the split has none.
+            UserError: another split has one of them.
+        """
+        chosen = self.splits[split]
+        if not chosen:
+            raise MissingDataError(
+                f"dataset.{split} is null: dataset={self.name} has no {split} images",
+                f"Name a folder for each traverse: dataset.{split}='{{reference: <folder>, query: <folder>}}'",
+            )
+        traverses = {str(name): self.folder / folder for name, folder in chosen.items()}
+        for other in SPLITS:
+            for name, folder in (self.splits[other] or {}).items():
+                if other != split and (self.folder / folder).resolve() in [
+                    path.resolve() for path in traverses.values()
+                ]:
+                    raise UserError(
+                        f"dataset.{split} and dataset.{other}.{name} both have {folder}",
+                        "Splits must share no place: give each folders of its own.",
+                    )
+        return traverses
+
+    def _aligned(self, split: Split) -> tuple[list[_Entry], tuple[str, ...]]:
+        """Images with their frames, not yet placed; and the frames that are missing."""
+        traverses, key = self._traverses(split), f"dataset.{split}"
+        files = traverse_files(traverses, key)
+        if self.places == "name":
+            rides = align_by_name(files, traverses, key, skip_missing=self.skip_bad)
+        elif self.places == "order":
+            rides = align_by_order(files, key)
+        else:
+            return [_Entry(t, i, path, None) for t, name in enumerate(files) for i, path in enumerate(files[name])], ()
+        entries = [_Entry(t, i, path, None) for t, name in enumerate(files) for i, path in rides.files[name].items()]
+        return entries, rides.missing
+
+    def _entries(self, split: Split) -> tuple[list[_Entry], tuple[str, ...]]:
+        """Images with their places, and the frames that are missing."""
+        entries, missing = self._aligned(split)
+        if self.place_unit == "frames":
+            return entries, missing
+        placed: list[_Entry] = []
+        for t, (name, folder) in enumerate(self._traverses(split).items()):
+            own, key = [entry for entry in entries if entry.traverse == t], f"dataset.{split}.{name}"
+            paths = [entry.path for entry in own]
+            poses = (
+                utm_poses(paths, key)
+                if self.places == "utm"
+                else table_poses(paths, folder, self._table(folder, key), key)
+            )
+            placed += [entry._replace(pose=pose) for entry, pose in zip(own, poses, strict=True)]
+        return placed, missing
+
+    def _table(self, folder: Path, key: str) -> Path:
+        """The table of a traverse: in its folder, or else in the folder around all."""
+        for path in (folder / self.csv, self.folder / self.csv):
+            if path.is_file():
+                return path
+        raise MissingDataError(
+            f"{key}: neither {folder} nor {self.folder} has a table {self.csv}",
+            "Write one with the columns file,x,y or file,x,y,heading, give its name (dataset.csv=...), "
+            "or choose another dataset.places: utm, name, order.",
+        )
+
+
+def _columns(poses: Sequence[Pose]) -> tuple[Float64[ndarray, "n 2"] | None, Float64[ndarray, "n"] | None]:
+    """Positions and headings; of headings none unless every image has one."""
+    if not poses:
+        return None, None
+    headings = [pose.heading_deg for pose in poses if pose.heading_deg is not None]
+    positions = np.array([(pose.x, pose.y) for pose in poses])
+    return positions, np.array(headings) if len(headings) == len(poses) else None
+
+
+def _refuse_duplicates(paths: Sequence[Path], key: str) -> None:
+    """Raise a ``UserError`` that names files of equal content: a query in the map too takes no skill to find."""
+    first: dict[str, Path] = {}
+    double: list[str] = []
+    for path in paths:
+        digest = file_sha256(path)
+        if digest in first:
+            double.append(f"{first[digest].parent.name}/{first[digest].name} = {path.parent.name}/{path.name}")
+        else:
+            first[digest] = path
+    if double:
+        raise UserError(
+            f"{key}: {len(double):,} files are the same as another\n{problem_list(double)}",
+            "Remove one of each pair, or, if that is meant, dataset.allow_duplicates=true",
+        )

@@ -1,0 +1,162 @@
+"""Where images were taken, by a table or by their names.
+
+*Tables* are CSV files with a header: ``file``, ``x``, ``y`` in metres, and ``heading`` in degrees, a column that may be
+left out. Other columns are ignored. ``file`` is the path below the folder that the table lies in.
+
+*Names* are those of the VPR community, fields set apart by ``@``::
+
+    @ UTM_east @ UTM_north @ UTM_zone_number @ UTM_zone_letter @ latitude @ longitude @ pano_id @ tile_num @ heading
+    @ pitch @ roll @ height @ timestamp @ note @ extension
+
+of which only the first two are required and others may be empty. Source: README of gmberton/VPR-datasets-downloader;
+G. Berton et al., "Deep visual geo-localization benchmark", CVPR 2022. UTM coordinates of another zone are moved
+:data:`ZONE_M` metres east for each zone, and those of the southern hemisphere (zone letters below N) by their false
+northing, so that images far apart are far apart; distances across a zone's border are not true.
+"""
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from sextant.data.places.problem_list import problem_list
+from sextant.errors import UserError
+
+COLUMNS = ("file", "x", "y", "heading")
+EAST, NORTH, ZONE, LETTER, HEADING = 1, 2, 3, 4, 9
+ZONE_M = 1_000_000.0
+FALSE_NORTHING_M = 10_000_000.0
+#: latitude bands of UTM south of the equator
+SOUTHERN = "CDEFGHJKLM"
+
+
+class Pose(NamedTuple):
+    """x and y in metres, and the heading in degrees or None."""
+
+    x: float
+    y: float
+    heading_deg: float | None
+
+
+def read_pose_table(path: Path) -> dict[str, Pose]:
+    """Poses by file name.
+
+    Raises:
+        UserError: the table cannot be read, lacks a column, names a file twice, or has a value that is no finite
+            number; names the file, the rows and the values.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} cannot be read as a table: {error}", f"A CSV file with {','.join(COLUMNS)}") from None
+    rows = csv.reader(text.splitlines(), skipinitialspace=True)
+    header = [name.strip().lower() for name in next(rows, [])]
+    lacking = [name for name in COLUMNS[:3] if header.count(name) != 1]
+    if lacking or header.count("heading") > 1:
+        raise UserError(
+            f"{path}: columns {', '.join(header) or '(none)'}; the first line must name file, x and y once each, "
+            "and may name heading",
+            "file,x,y,heading\nfirst.jpg,12.5,-3.0,90",
+        )
+    where = [header.index(name) for name in COLUMNS if name in header]
+    poses: dict[str, Pose] = {}
+    problems: list[str] = []
+    for row in rows:
+        if not any(cell.strip() for cell in row):
+            continue
+        line = f"line {rows.line_num}"
+        if len(row) < len(header):
+            problems.append(f"{line}: {len(row)} values for {len(header)} columns")
+            continue
+        file, *cells = (row[k].strip() for k in where)
+        numbers = [_number(cell) for cell in cells]
+        wrong = [f"{name}={cell!r}" for name, cell, n in zip(COLUMNS[1:], cells, numbers, strict=False) if n is None]
+        name = Path(file).as_posix()
+        if wrong:
+            problems.append(f"{line}: {', '.join(wrong)} of {name} must be finite numbers")
+        elif name in poses:
+            problems.append(f"{line}: {name} has a row already")
+        else:
+            x, y, *heading = (float(n) for n in numbers if n is not None)
+            poses[name] = Pose(x, y, heading[0] if heading else None)
+    if problems:
+        raise UserError(
+            f"{path}: {len(problems)} rows cannot be used\n{problem_list(problems)}",
+            "Correct them, or take these rows and their images out.",
+        )
+    return poses
+
+
+def parse_utm_name(name: str) -> Pose | None:
+    """The pose that a file's name tells, or None if it does not follow the convention."""
+    fields = Path(name).stem.split("@")
+    if len(fields) <= NORTH or fields[0]:
+        return None
+    fields += [""] * (HEADING + 1 - len(fields))
+    east, north = _number(fields[EAST]), _number(fields[NORTH])
+    zone = 0.0 if not fields[ZONE].strip() else _number(fields[ZONE])
+    letter, heading = fields[LETTER].strip().upper(), fields[HEADING].strip()
+    angle = _number(heading) if heading else None
+    if east is None or north is None or zone is None or (heading and angle is None):
+        return None
+    south = bool(letter) and letter in SOUTHERN
+    return Pose(east + ZONE_M * zone, north - FALSE_NORTHING_M * south, angle)
+
+
+def utm_poses(paths: Sequence[Path], key: str) -> list[Pose]:
+    """The poses that the names of files tell.
+
+    Raises:
+        UserError: names do not follow the convention; they are named.
+    """
+    poses = [parse_utm_name(path.name) for path in paths]
+    wrong = [path.name for path, pose in zip(paths, poses, strict=True) if pose is None]
+    if wrong:
+        raise UserError(
+            f"{key}: {len(wrong):,} of {len(paths):,} names tell no pose\n{problem_list(wrong)}",
+            "dataset.places=utm needs names such as @0548939.41@4179162.31@10@S@@@@@180@@@@@@.jpg: easting, northing "
+            "in metres,\nzone number, zone letter, latitude, longitude, pano_id, tile, heading, pitch, roll, height, "
+            "time, note; all after northing may be empty.",
+        )
+    return [pose for pose in poses if pose is not None]
+
+
+def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> list[Pose]:
+    """The poses of files by a table that lies in a folder around them.
+
+    Args:
+        paths: of the images.
+        folder: of the traverse: rows of files below it that are not there are an error.
+        table: the CSV file.
+        key: of the config, for messages.
+
+    Raises:
+        UserError: an image has no row, or a row no image; they are named.
+    """
+    poses, root = read_pose_table(table), table.parent.resolve()
+    names = [path.resolve().relative_to(root).as_posix() for path in paths]
+    unplaced = [name for name in names if name not in poses]
+    if unplaced:
+        raise UserError(
+            f"{key}: {len(unplaced):,} of {len(names):,} images have no row in {table}\n{problem_list(unplaced)}",
+            "Add rows of file,x,y, with paths relative to the table's folder, or take these images away.",
+        )
+    inside = folder.resolve().relative_to(root).as_posix()
+    own = [name for name in poses if inside == "." or name.startswith(f"{inside}/")]
+    absent = sorted(set(own) - set(names))
+    if absent:
+        raise UserError(
+            f"{key}: {len(absent):,} rows of {table} have no image\n{problem_list(absent)}",
+            "Add these images, or take their rows out.",
+        )
+    return [poses[name] for name in names]
+
+
+def _number(text: str) -> float | None:
+    """A finite number, or None."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

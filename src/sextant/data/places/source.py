@@ -1,0 +1,70 @@
+"""What a dataset of places is to the rest of Sextant."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
+
+from sextant.data.places.images import PlaceImages
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from sextant.data.places.town_seasons import TownSeasonsSource
+
+Split = Literal["train", "val", "test"]
+SPLITS: tuple[Split, ...] = get_args(Split)
+
+
+@runtime_checkable
+class PlaceSource(Protocol):
+    """A dataset of places in three splits that share none.
+
+    Attributes:
+        name: of the dataset in messages.
+        place_unit: ``m`` if places are known by position, ``frames`` if by order alone.
+    """
+
+    name: str
+    place_unit: Literal["m", "frames"]
+
+    def files(self, split: Split) -> list[Path]:
+        """The files that ``split`` is read from; nothing is rendered or decoded.
+
+        Raises:
+            UserError: they are not there.
+        """
+
+    def fingerprint(self) -> str:
+        """Hash that changes when the data does."""
+
+    def read(self, split: Split) -> PlaceImages:
+        """The images of a split with their places.
+
+        Raises:
+            UserError: a file cannot be read; it is named.
+        """
+
+
+def as_place_source(dataset: Any) -> PlaceSource:
+    """A dataset as a source of places.
+
+    Raises:
+        UserError: it has none.
+    """
+    if hasattr(dataset, "plan"):  # a rendered world: its modules are loaded then anyway
+        from sextant.data.places.town_seasons import TownSeasonsSource
+        from sextant.data.worlds.towns import TownSeasons
+
+        if isinstance(dataset, TownSeasons):
+            return TownSeasonsSource(dataset)
+    elif isinstance(dataset, PlaceSource) and hasattr(dataset, "place_unit"):
+        return dataset
+    name = getattr(dataset, "name", type(dataset).__name__)
+    raise UserError(
+        f"dataset={name} has no places, which task=place_recognition needs",
+        "Choose town_seasons (rendered here), nordland or place_folders (your own).",
+    )
+
+
+def rendered_place_source(source: PlaceSource) -> "TownSeasonsSource | None":
+    """The part of a source that is rendered, if it has one."""
+    source = getattr(source, "source", source)
+    return source if hasattr(source, "showing") else None  # type: ignore[return-value]

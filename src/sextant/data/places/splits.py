@@ -1,0 +1,139 @@
+"""What training and test may share: splits by place and by condition, as objects that refuse what overlaps."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sextant.data.places.images import PlaceImages
+from sextant.data.places.source import SPLITS, PlaceSource, Split
+from sextant.errors import UserError
+
+
+@dataclass(frozen=True)
+class FrameRanges:
+    """Splits of aligned rides by frame number, none of which has a frame of another.
+
+    Frames are counted from 0 in the order of their names. Neighbouring ranges touch: the last frame of one and the
+    first of the next are as alike as any two in a row, unless some frames are left out between them.
+
+    Args:
+        train: first frame, and the one after the last; None for the end.
+        val: likewise.
+        test: likewise.
+
+    Raises:
+        UserError: a range is empty or negative, or two overlap.
+    """
+
+    train: tuple[int, int | None]
+    val: tuple[int, int | None]
+    test: tuple[int, int | None]
+
+    def __post_init__(self) -> None:
+        taken: dict[str, tuple[int, float]] = {}
+        for split in SPLITS:
+            start, stop = getattr(self, split)
+            end = float("inf") if stop is None else stop
+            if start < 0 or end <= start:
+                raise UserError(
+                    f"dataset.frames.{split}=[{start}, {stop}] must be a first frame, 0 or more, and a frame after it",
+                    f"dataset.frames.{split}='[{max(0, start)}, {max(0, start) + 100}]'",
+                )
+            for other, (first, last) in taken.items():
+                if start < last and first < end:
+                    raise UserError(
+                        f"dataset.frames.{split}=[{start}, {stop}] and dataset.frames.{other} share frames",
+                        "Splits must share no place. The second number of a range is the frame after its last.",
+                    )
+            taken[split] = (start, end)
+
+    @classmethod
+    def of(cls, ranges: Mapping[str, Sequence[int | None]]) -> "FrameRanges":
+        """From a config: ``{train: [0, 1600], val: [1600, 1650], test: [1650, 2400]}``.
+
+        Raises:
+            UserError: a split is missing or not of two numbers.
+        """
+        if set(ranges) != set(SPLITS) or any(len(entry) != 2 or entry[0] is None for entry in ranges.values()):
+            raise UserError(
+                f"dataset.frames={dict(ranges)} must give two numbers for each of {', '.join(SPLITS)}",
+                "For example frames: {train: [0, 1600], val: [1600, 1650], test: [1650, 2400]}",
+            )
+        return cls(**{split: (int(entry[0] or 0), entry[1]) for split, entry in ranges.items()})
+
+    def of_split(self, split: Split, count: int) -> range:
+        """The frames of a split, of ``count`` in all.
+
+        Raises:
+            UserError: the range goes beyond the last frame.
+        """
+        start, stop = getattr(self, split)
+        if start >= count or (stop is not None and stop > count):
+            raise UserError(
+                f"dataset.frames.{split}=[{start}, {stop}]: there are {count:,} frames, numbered from 0",
+                f"The second number may be at most {count}; null takes all that follow.",
+            )
+        return range(start, count if stop is None else stop)
+
+
+@dataclass(frozen=True)
+class ConditionSplit:
+    """Conditions seen in training and validation, and those of the test.
+
+    Args:
+        train: names; None for all.
+        test: names; None for all.
+        shared: the conditions of both that may be: the map that test images are looked up in, mostly.
+
+    Raises:
+        UserError: both are given and share a condition that is not ``shared``, or one is empty.
+    """
+
+    train: tuple[str, ...] | None = None
+    test: tuple[str, ...] | None = None
+    shared: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key, names in (("train", self.train), ("test", self.test)):
+            if names is not None and (not names or len(set(names)) < len(names)):
+                raise UserError(f"{key}_conditions={list(names)} must name conditions, each once, or be null for all")
+        both = set(self.train or ()) & set(self.test or ()) - set(self.shared)
+        if both:
+            raise UserError(
+                f"train_conditions and test_conditions share {', '.join(sorted(both))}",
+                "Take it out of one of them, or name it as shared: the map's condition.",
+            )
+
+    def of_split(self, split: Split) -> tuple[str, ...] | None:
+        """The conditions of a split; validation has those of training, so that nothing is chosen by the test's."""
+        return self.test if split == "test" else self.train
+
+
+class ConditionSplitSource:
+    """A source of places whose splits also differ in condition.
+
+    Args:
+        source: what is split.
+        conditions: of each split.
+    """
+
+    def __init__(self, source: PlaceSource, conditions: ConditionSplit):
+        self.source, self.conditions = source, conditions
+        self.name, self.place_unit = source.name, source.place_unit
+
+    def files(self, split: Split) -> list[Path]:
+        """Those of the source."""
+        return self.source.files(split)
+
+    def fingerprint(self) -> str:
+        """That of the source: what is chosen of it is part of the run's config."""
+        return self.source.fingerprint()
+
+    def read(self, split: Split) -> PlaceImages:
+        """The images of a split under its conditions.
+
+        Raises:
+            UserError: a condition does not exist.
+        """
+        chosen, images = self.conditions.of_split(split), self.source.read(split)
+        return images if chosen is None else images.only_conditions(chosen)

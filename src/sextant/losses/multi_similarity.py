@@ -1,0 +1,77 @@
+r"""The multi-similarity loss, as pytorch-metric-learning computes it.
+
+With the cosine similarity :math:`s_{ij}`, of anchor i
+
+.. math:: L_i = \frac1\alpha \log\Big(1 + \sum_{j \in +} e^{-\alpha (s_{ij} - \lambda)}\Big)
+              + \frac1\beta \log\Big(1 + \sum_{j \in -} e^{\beta (s_{ij} - \lambda)}\Big),
+
+averaged over all images of the batch, also those without a pair, whose loss is 0. Only pairs that tell something are
+kept: positives less similar than the most similar negative plus :math:`\epsilon`, negatives more similar than the least
+similar positive minus :math:`\epsilon`. The library mines by labels; here the pairs are those of a relation, where
+*ignored* is possible, so the mining is done here and the pairs are handed over. The library gives 0 for a batch of at
+most one pair of each sort.
+
+Source: X. Wang et al., "Multi-similarity loss with general pair weighting for deep metric learning", CVPR 2019.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.losses.place_loss import Pairing, PlaceLoss, PlaceLossOutput, as_relation, nothing
+from sextant.retrieval import Relation
+
+
+class MultiSimilarityLoss(PlaceLoss):
+    """The multi-similarity loss; see the module. Active is the share of the pairs that the mining keeps.
+
+    Args:
+        alpha: weight of positives, above 0.
+        beta: weight of negatives, above 0.
+        base: the similarity λ that positives should exceed and negatives stay below, in [-1, 1].
+        epsilon: of the mining of pairs; None keeps all.
+
+    Raises:
+        UserError: a parameter is out of its range.
+    """
+
+    def __init__(self, *, alpha: float = 2.0, beta: float = 50.0, base: float = 0.5, epsilon: float | None = 0.1):
+        super().__init__()
+        for name, value in (("alpha", alpha), ("beta", beta)):
+            if not 0 < value < float("inf"):
+                raise UserError(f"loss.{name}={value} must be above 0", "loss.alpha=2 loss.beta=50")
+        if not -1 <= base <= 1:
+            raise UserError(f"loss.base={base} must be in [-1, 1]", "For example loss.base=0.5")
+        if epsilon is not None and not 0 <= epsilon < float("inf"):
+            raise UserError(f"loss.epsilon={epsilon} must be at least 0, or null", "For example loss.epsilon=0.1")
+        from pytorch_metric_learning.losses import MultiSimilarityLoss as Library  # its import takes long
+
+        self.epsilon = epsilon
+        self.library = Library(alpha=alpha, beta=beta, base=base)
+
+    def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:
+        """Loss of the pairs of a relation, or of those in triplets."""
+        relation = as_relation(descriptors, pairing)
+        wide = descriptors.to(torch.promote_types(descriptors.dtype, torch.float32))
+        kept = relation if self.epsilon is None else informative_pairs(wide, relation, self.epsilon)
+        before, after = (int(pairs.positive.sum() + pairs.negative.sum()) for pairs in (relation, kept))
+        if after == 0:
+            return nothing(descriptors)
+        pairs = (*kept.positive.nonzero().unbind(1), *kept.negative.nonzero().unbind(1))
+        value = self.library(wide, indices_tuple=pairs)
+        return PlaceLossOutput(value, torch.tensor(after / before, device=descriptors.device))
+
+
+@torch.no_grad()
+def informative_pairs(descriptors: Float[Tensor, "b d"], relation: Relation, epsilon: float) -> Relation:
+    """The pairs that the multi-similarity loss learns from; anchors that lack either sort have none."""
+    unit = F.normalize(descriptors, dim=1)
+    similarity = unit @ unit.T
+    best_wrong = similarity.masked_fill(~relation.negative, -torch.inf).amax(1, keepdim=True)
+    worst_right = similarity.masked_fill(~relation.positive, torch.inf).amin(1, keepdim=True)
+    return Relation(
+        relation.positive & (similarity < best_wrong + epsilon),
+        relation.negative & (similarity > worst_right - epsilon),
+    )

@@ -1,0 +1,35 @@
+r"""The soft margin: :math:`L = \log(1 + e^{s (d_+ - d_-)})`, which never quite stops pulling.
+
+Source: A. Hermans et al., "In defense of the triplet loss for person re-identification", 2017, with s = 1. Distances of
+unit vectors are at most 2, where s = 1 leaves a loss of at least log(1 + e⁻²) = 0.13; a larger s lets it end.
+"""
+
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.losses.place_loss import TripletLoss
+
+
+class SoftMarginLoss(TripletLoss):
+    """The soft margin; see the module. A triplet counts as active while ``d- <= d+``: its order is wrong.
+
+    Args:
+        scale: s, above 0.
+
+    Raises:
+        UserError: the scale is not positive.
+    """
+
+    def __init__(self, *, scale: float = 1.0):
+        super().__init__()
+        if not 0 < scale < float("inf"):
+            raise UserError(f"loss.scale={scale} must be above 0", "For example loss.scale=1.0")
+        self.scale = scale
+
+    def of_distances(
+        self, positive: Float[Tensor, "t"], negative: Float[Tensor, "t"]
+    ) -> tuple[Float[Tensor, "t"], Bool[Tensor, "t"]]:
+        """Loss of each triplet, and whether it is active."""
+        return F.softplus(self.scale * (positive - negative)), negative <= positive

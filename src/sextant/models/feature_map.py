@@ -1,0 +1,105 @@
+"""The feature map within a classification network: what comes before its pooling and its classes.
+
+The network is run as it is, up to the layer that is asked for; its own code decides how. Layers that are not reached
+are dropped, so that they neither take memory nor appear among the weights that are trained.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sextant.errors import UserError
+from sextant.layers.network_stages import evaluating
+
+#: where networks keep their last map: torchvision's and timm's ResNets, then most others
+USUAL = ("layer4", "layer3", "features", "stages", "blocks")
+
+
+class _ReachedError(Exception):
+    def __init__(self, features: Tensor):
+        self.features = features
+
+
+class FeatureMap(nn.Module):
+    """The output ``(b, c, h, w)`` of one layer of a network.
+
+    Args:
+        network: maps images to anything; its layers after ``layer`` are dropped, in place.
+        in_channels: channels of the images.
+        image_size: height and width of the images.
+        layer: path of the layer, such as ``layer4`` or ``features.9``; None looks for the usual ones.
+
+    Attributes:
+        channels: c.
+        size: h and w for images of ``image_size``.
+
+    Raises:
+        UserError: there is no such layer, it gives no map with height and width, or the images are too small for it.
+    """
+
+    def __init__(self, network: nn.Module, in_channels: int, image_size: tuple[int, int], *, layer: str | None = None):
+        super().__init__()
+        modules = dict(network.named_modules())
+        children = ", ".join(name for name, _ in network.named_children())
+        if layer is None:
+            layer = next((name for name in USUAL if name in modules), None)
+            if layer is None:
+                raise UserError(
+                    f"{type(network).__name__} has no layer of the names {', '.join(USUAL)}",
+                    f"Name the layer whose map is wanted, among {children} or within.",
+                )
+        if layer not in modules or layer == "":
+            raise UserError(f"layer={layer!r} is no layer of {type(network).__name__}", f"Choose among {children}")
+        self.network, self.layer = network, layer
+        reached: set[nn.Module] = set()
+        hooks = [
+            module.register_forward_pre_hook(lambda module, inputs: reached.add(module)) for module in modules.values()
+        ]
+        try:
+            with evaluating(network), torch.no_grad():
+                features = self._run(torch.zeros(1, in_channels, *image_size))
+        except RuntimeError as error:
+            raise UserError(
+                f"{type(network).__name__} cannot take images of {image_size[0]}x{image_size[1]} to {layer!r}: {error}",
+                "Choose larger images, or an earlier layer.",
+            ) from None
+        finally:
+            for hook in hooks:
+                hook.remove()
+        if features.ndim != 4:
+            raise UserError(
+                f"layer={layer!r} of {type(network).__name__} gives {tuple(features.shape)}, not (b, c, h, w)",
+                "Choose an earlier layer, or a network of convolutions.",
+            )
+        _drop(network, layer, reached)
+        self.channels = features.shape[1]
+        self.size = (features.shape[2], features.shape[3])
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
+        """The layer's output."""
+        return self._run(x)
+
+    def _run(self, x: Tensor) -> Tensor:
+        # registered for each run: a hook that stayed would keep the layer from being replaced by one with inhibition
+        hook = self.network.get_submodule(self.layer).register_forward_hook(_stop)
+        try:
+            self.network(x)
+        except _ReachedError as reached:
+            return reached.features
+        finally:
+            hook.remove()
+        raise UserError(f"layer={self.layer!r} plays no part in {type(self.network).__name__}", "Choose another layer.")
+
+
+def _stop(module: nn.Module, inputs: object, output: Tensor) -> None:
+    raise _ReachedError(output)
+
+
+def _drop(network: nn.Module, layer: str, reached: set[nn.Module]) -> None:
+    """Replace by identities what lies beside the layer, or beside what holds it, and was not reached."""
+    parts = layer.split(".")
+    for depth in range(len(parts)):
+        outer = network.get_submodule(".".join(parts[:depth]))
+        for name, module in list(outer.named_children()):
+            if not any(inner in reached for inner in module.modules()):
+                setattr(outer, name, nn.Identity())

@@ -1,0 +1,102 @@
+"""A small network for place recognition, which trains in minutes on a CPU with images of 64x32 to 96x64 pixels.
+
+A place is recognised by where its edges are, under any light. So the first layer, which learns nothing, divides out the
+light: of every pixel the mean of its surroundings is taken off and their contrast divided out. Group normalisation
+judges each image alone: statistics of a batch would tell its conditions to one another.
+"""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+GROUP = 8
+#: contrast, of images in [-1, 1], below which there is none
+FAINT = 0.02
+
+
+class LocalContrast(nn.Module):
+    r"""Local contrast normalisation: :math:`(x - \mu) / \sqrt{\sigma^2 + \epsilon^2}`, over a square around the pixel.
+
+    One mean and one deviation for all channels, so that a colour cast and colours themselves remain. At the border the
+    part of the square that lies within the image counts.
+
+    Source: K. Jarrett et al., "What is the best multi-stage architecture for object recognition?", ICCV 2009, with a
+    square in place of a Gaussian.
+
+    Args:
+        window: side of the square in pixels, odd.
+
+    Raises:
+        ValueError: the side is even or below 3.
+    """
+
+    def __init__(self, window: int):
+        super().__init__()
+        if window < 3 or window % 2 == 0:
+            raise ValueError(f"window must be odd and at least 3, got {window}")
+        self.window = window
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
+        """Images without their local brightness and contrast."""
+        centred = x - self._mean(x.mean(1, keepdim=True))
+        variance = self._mean(centred.square().mean(1, keepdim=True))
+        return centred / (variance + FAINT**2).sqrt()
+
+    def _mean(self, x: Tensor) -> Tensor:
+        sides, half = (self.window, 1), self.window // 2
+        x = F.avg_pool2d(x, sides, 1, (half, 0), count_include_pad=False)
+        return F.avg_pool2d(x, sides[::-1], 1, (0, half), count_include_pad=False)
+
+
+class PlaceCNN(nn.Module):
+    """Local contrast, then 3x3 convolutions with group normalisation and ReLU; ``features`` is the map for places.
+
+    Args:
+        in_channels: channels of the image.
+        image_size: height and width of the image in pixels.
+        num_classes: outputs of a linear layer on the mean of the map; :class:`~sextant.models.FeatureMap` drops it.
+        widths: channels of the layers, multiples of 8.
+        strides: of the layers.
+        window: side of the square of :class:`LocalContrast`, or None for images as they are.
+
+    Raises:
+        ValueError: a width is not a multiple of 8, widths and strides differ in number, or the image is too small.
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        image_size: tuple[int, int],
+        num_classes: int,
+        *,
+        widths: tuple[int, ...] = (32, 64, 96, 128),
+        strides: tuple[int, ...] = (1, 2, 2, 2),
+        window: int | None = 9,
+    ):
+        super().__init__()
+        if any(width % GROUP for width in widths):
+            raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
+        if len(widths) != len(strides):
+            raise ValueError(f"{len(widths)} widths need as many strides, got {tuple(strides)}")
+        if min(image_size) < math.prod(strides):
+            raise ValueError(f"images of {image_size[0]}x{image_size[1]} are too small for strides {tuple(strides)}")
+        self.contrast = nn.Identity() if window is None else LocalContrast(window)
+        layers: list[nn.Module] = []
+        before = in_channels
+        for width, stride in zip(widths, strides, strict=True):
+            layers += [
+                nn.Conv2d(before, width, 3, stride, padding=1, bias=False),
+                nn.GroupNorm(width // GROUP, width),
+                nn.ReLU(inplace=True),
+            ]
+            before = width
+        self.features = nn.Sequential(*layers)
+        self.head = nn.Linear(before, num_classes)
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
+        """Outputs of the last layer for a batch of images in [-1, 1]."""
+        x = self.contrast(x).contiguous(memory_format=torch.channels_last)
+        return self.head(self.features(x).mean((2, 3)))  # type: ignore[no-any-return]

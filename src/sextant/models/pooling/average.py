@@ -1,0 +1,21 @@
+"""The mean of each channel over the map."""
+
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.models.pooling.pooling import Pooling
+
+
+class Average(Pooling):
+    """Global average pooling.
+
+    Args:
+        channels, size: of the map; any size is taken.
+    """
+
+    def __init__(self, channels: int, size: tuple[int, int]):
+        super().__init__(channels, size, channels)
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c"]:
+        """Mean of each channel."""
+        return x.mean((2, 3))

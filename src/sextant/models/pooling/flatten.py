@@ -1,0 +1,34 @@
+"""All features of all cells, one after another: with the linear layer that follows, a fully connected layer.
+
+Every place on the image has weights of its own, so that it matters where something is seen: right for a camera that
+returns to the same spots, wrong for one that looks from elsewhere. The form of Lopez-Antequera et al. 2017.
+"""
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.models.pooling.pooling import Pooling
+
+
+class Flatten(Pooling):
+    """Concatenates the cells of the map, of all of it or of its means over a smaller grid.
+
+    Args:
+        channels, size: of the map; other sizes are refused unless there is a grid.
+        grid: height and width to average to first, which bounds the weights that follow; None keeps every cell.
+
+    Raises:
+        ValueError: the grid is empty or larger than the map.
+    """
+
+    def __init__(self, channels: int, size: tuple[int, int], *, grid: tuple[int, int] | None = None):
+        height, width = size if grid is None else grid
+        if not (1 <= height <= size[0] and 1 <= width <= size[1]):
+            raise ValueError(f"a grid of {height}x{width} does not fit a map of {size[0]}x{size[1]}")
+        super().__init__(channels, size, channels * height * width)
+        self.grid = None if grid is None else (grid[0], grid[1])
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
+        """Channels of the cells, ``k = c h w``."""
+        return (x if self.grid is None else F.adaptive_avg_pool2d(x, self.grid)).flatten(1)

@@ -1,0 +1,51 @@
+r"""Generalised mean pooling: of each channel :math:`\big(\frac1{hw} \sum_i \max(x_i, \epsilon)^p\big)^{1/p}`, p learnt.
+
+p = 1 is the mean, and p to infinity the maximum.
+
+Source: F. Radenovic et al., "Fine-tuning CNN image retrieval with no human annotation", TPAMI 2019, which starts at
+p = 3.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sextant.errors import UserError
+from sextant.models.pooling.pooling import Pooling
+
+SMALLEST_FEATURE = 1e-6
+#: p beyond these is taken as the nearest of them: there the powers of float32 would run over, or the mean mean nothing
+P_RANGE = (1.0, 12.0)
+
+
+def generalised_mean(x: Float[Tensor, "b c h w"], p: Float[Tensor, ""] | float) -> Float[Tensor, "b c"]:
+    """``(mean max(x, eps)^p)^(1/p)`` over the map, computed relative to the largest feature of each channel."""
+    x = x.clamp(min=SMALLEST_FEATURE)
+    largest = x.detach().amax((2, 3), keepdim=True)
+    return (x / largest).pow(p).mean((2, 3)).pow(1 / p) * largest[:, :, 0, 0]
+
+
+class GeM(Pooling):
+    """Generalised mean; see the module. In float32, whatever the features are.
+
+    Args:
+        channels, size: of the map; any size is taken.
+        p: where the exponent starts, within :data:`P_RANGE`.
+        train_p: learn it.
+
+    Raises:
+        UserError: p is out of its range.
+    """
+
+    p: Tensor
+
+    def __init__(self, channels: int, size: tuple[int, int], *, p: float = 3.0, train_p: bool = True):
+        super().__init__(channels, size, channels)
+        if not P_RANGE[0] <= p <= P_RANGE[1]:
+            raise UserError(f"pooling.p={p} must be in [{P_RANGE[0]:g}, {P_RANGE[1]:g}]", "pooling.p=3")
+        self.p = nn.Parameter(torch.tensor(float(p)), requires_grad=train_p)
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c"]:
+        """Generalised mean of each channel; p is taken within its range, but has its gradient beyond as well."""
+        p = self.p + (self.p.clamp(*P_RANGE) - self.p).detach()
+        return generalised_mean(x.to(torch.promote_types(x.dtype, torch.float32)), p)

@@ -1,0 +1,40 @@
+"""Which images show one place, which triplets to train with, and the search for the nearest descriptor."""
+
+from sextant.retrieval.cached_mining import CachedHardMining
+from sextant.retrieval.flat_index import FlatIndex
+from sextant.retrieval.nearest import Neighbours, nearest_neighbours
+from sextant.retrieval.relations import Places, Relation, Tolerance, relations
+from sextant.retrieval.sequence_matching import SequenceMatches, local_contrast, match_sequences, sequence_scores
+from sextant.retrieval.triplet_mining import (
+    BatchHardMining,
+    Mined,
+    Mining,
+    NoMining,
+    RandomMining,
+    SemiHardMining,
+    all_triplets,
+    gathered,
+)
+
+__all__ = [
+    "BatchHardMining",
+    "CachedHardMining",
+    "FlatIndex",
+    "Mined",
+    "Mining",
+    "Neighbours",
+    "NoMining",
+    "Places",
+    "RandomMining",
+    "Relation",
+    "SemiHardMining",
+    "SequenceMatches",
+    "Tolerance",
+    "all_triplets",
+    "gathered",
+    "local_contrast",
+    "match_sequences",
+    "nearest_neighbours",
+    "relations",
+    "sequence_scores",
+]

@@ -1,0 +1,158 @@
+"""An index of descriptors that is searched whole: exact, and fast enough for one camera and a city.
+
+One query reads ``4 n d`` bytes once, 88 MB for 172,000 descriptors of 128 values, which is what a product of a matrix
+with a vector costs; picking the best costs little beside it. See :mod:`sextant.retrieval.nearest` for how.
+
+On disk an index is a folder of ``descriptors.npy``, which is mapped into memory, and ``index.json``.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from sextant.atomic_files import read_json, write_atomically, write_json
+from sextant.errors import UserError
+from sextant.retrieval.nearest import Neighbours, PreparedReferences, Similarity, prepare_references, search_prepared
+
+FORMAT, VERSION = "sextant.flat_index", 1
+DESCRIPTORS, HEADER = "descriptors.npy", "index.json"
+
+
+class FlatIndex:
+    """Exact search by cosine similarity or Euclidean distance.
+
+    Finiteness and norms are worked out here, once, and not for each query.
+
+    Args:
+        descriptors: one a row. For cosine similarity a copy of norm one is kept; for Euclidean distance the array
+            itself, which must not be changed afterwards.
+        similarity: ``cosine`` or ``euclidean``.
+        names: of the rows, such as files; none by default.
+
+    Raises:
+        ValueError: as :func:`~sextant.retrieval.nearest.prepare_references`, or there are not as many names as rows.
+    """
+
+    def __init__(
+        self,
+        descriptors: Float32[ndarray, "n d"],
+        similarity: Similarity = "cosine",
+        names: Sequence[str] | None = None,
+    ):
+        self._take(prepare_references(descriptors, similarity), names)
+
+    def _take(self, references: PreparedReferences, names: Sequence[str] | None) -> None:
+        if names is not None and len(names) != len(references.rows):
+            raise ValueError(f"need a name for each of the {len(references.rows)} descriptors; got {len(names)}")
+        self.references = references
+        self.names = None if names is None else tuple(names)
+
+    def __len__(self) -> int:
+        return len(self.references.rows)
+
+    @property
+    def dimension(self) -> int:
+        """Values of a descriptor."""
+        return int(self.references.rows.shape[1])
+
+    @property
+    def similarity(self) -> Similarity:
+        """What compares descriptors."""
+        return self.references.similarity
+
+    def search(self, queries: Float32[ndarray, "m d"], k: int = 1) -> Neighbours:
+        """The k most similar descriptors of every query, best first; of equal ones the lower index first.
+
+        The neighbours are the same however queries are grouped into calls. Memory beside the result: about 64 MiB.
+
+        Args:
+            queries: one descriptor a row.
+            k: neighbours, in [1, n].
+
+        Returns:
+            ``values`` (cosine similarities, or Euclidean distances) and ``indices``, both (m, k).
+
+        Raises:
+            ValueError: k is out of range, the dimensions differ, or a query is not finite.
+        """
+        return search_prepared(self.references, queries, k)
+
+    def save(self, folder: Path) -> None:
+        """Write the index into a folder, which is made if need be; an index that was there is replaced.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        write_atomically(folder / DESCRIPTORS, lambda file: np.save(file, self.references.rows, allow_pickle=False))
+        # written last: without it, and with one that tells of other descriptors, the folder is not taken for an index
+        header = {
+            "format": FORMAT,
+            "version": VERSION,
+            "similarity": self.similarity,
+            "count": len(self),
+            "dimension": self.dimension,
+            "sha256": _digest(folder / DESCRIPTORS),
+            "names": None if self.names is None else list(self.names),
+        }
+        write_json(folder / HEADER, header)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Open a saved index; the descriptors are mapped into memory, read only.
+
+        Raises:
+            UserError: the folder is not there, holds no index, one of another version, or a damaged one.
+        """
+        header = _header(folder)
+        path = folder / DESCRIPTORS
+        try:
+            if _digest(path) != header["sha256"]:  # before anything of it is interpreted
+                raise _damaged(folder, f"{path.name} is not the file that {HEADER} was written for")
+            rows = np.load(path, mmap_mode="r", allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise _damaged(folder, f"{path.name} cannot be read: {error}") from error
+        if rows.dtype != np.float32 or rows.shape != (header["count"], header["dimension"]):
+            told = f"{header['count']} x {header['dimension']}"
+            raise _damaged(folder, f"{path.name} holds {rows.dtype} {rows.shape}, but {HEADER} tells of {told} float32")
+        index = cls.__new__(cls)
+        try:
+            index._take(prepare_references(rows, header["similarity"], unit=True), header["names"])
+        except ValueError as error:
+            raise _damaged(folder, str(error)) from error
+        return index
+
+
+def _header(folder: Path) -> dict[str, Any]:
+    path = folder / HEADER
+    if not path.is_file():
+        there = "there is no such folder" if not folder.is_dir() else f"the folder has no {HEADER}"
+        raise UserError(f"{folder} is not a saved index: {there}", "Name the folder that an index was saved to.")
+    header = read_json(path)
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise UserError(f"{path} is not the header of an index: its format is not {FORMAT!r}", "Name another folder.")
+    if header.get("version") != VERSION:
+        raise UserError(
+            f"{path} has version {header.get('version')!r}; this program reads version {VERSION}",
+            "Build the index anew from its images.",
+        )
+    names = header.get("names", ())
+    good = header.get("similarity") in ("cosine", "euclidean") and all(
+        type(header.get(key)) is kind for key, kind in (("count", int), ("dimension", int), ("sha256", str))
+    )
+    if not good or not (names is None or (isinstance(names, list) and all(isinstance(name, str) for name in names))):
+        raise _damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
+    return header
+
+
+def _damaged(folder: Path, how: str) -> UserError:
+    return UserError(f"the index in {folder} is damaged: {how}", "Build it anew from its images, or copy it again.")
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,173 @@
+"""Exact nearest neighbours among descriptors, whatever the block, the number of threads and the BLAS.
+
+A matrix product in float32 gives all scores of a block of queries, up to rounding: for d terms each differs from the
+true value by at most ``ε = (d + 2) u ||q|| ||r||`` with the machine's u. So the k best are among the references whose
+score is within ``2 ε`` of the k-th best score. Only these few are compared again, in float64 and term by term in the
+same order, and equal ones are told apart by their index.
+
+The k-th best score is not looked for among all n: with the references dealt out into groups, k group maxima are k
+scores, so the k-th best maximum bounds it from below. That is one pass of maxima and one of comparisons.
+
+Source of the bound: N. J. Higham, "Accuracy and Stability of Numerical Algorithms", 2002, section 3.1.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Int64
+from numpy import ndarray
+
+from sextant.baselines.descriptor import unit_norm
+
+Similarity = Literal["cosine", "euclidean"]
+
+#: Entries of the block of scores that is held at a time: 64 MiB.
+BLOCK = 2**24
+#: Groups of references whose best score bounds the k-th best; eight for each neighbour if that is more.
+GROUPS = 2048
+#: Entries of float64 that are held while close references are compared again: 32 MiB.
+RECOMPARED = 2**22
+
+
+class Neighbours(NamedTuple):
+    """The k most similar references of each of m queries, best first; of equal ones the lower index first.
+
+    Attributes:
+        values: cosine similarities, falling, or Euclidean distances, rising.
+        indices: of the references.
+    """
+
+    values: Float32[ndarray, "m k"]
+    indices: Int64[ndarray, "m k"]
+
+
+@dataclass(frozen=True)
+class PreparedReferences:
+    """References with all that does not depend on the query.
+
+    Attributes:
+        rows: descriptors; of norm one (or zero) for cosine similarity.
+        similarity: what compares descriptors.
+        half: ``||r||² / 2`` of every row for Euclidean distance, else 0.
+        longest: the largest norm of a row.
+    """
+
+    rows: Float32[ndarray, "n d"]
+    similarity: Similarity
+    half: ndarray
+    longest: float
+
+
+def prepare_references(
+    descriptors: Float32[ndarray, "n d"], similarity: Similarity = "cosine", *, unit: bool = False
+) -> PreparedReferences:
+    """Check the references and work out their norms, once.
+
+    Args:
+        descriptors: one a row, in float32.
+        similarity: ``cosine`` (a row of zeros is at 0 to everything) or ``euclidean``.
+        unit: the rows have norm one already and are taken as they are.
+
+    Raises:
+        ValueError: there is no descriptor, one is not finite, they are not float32 or the similarity is unknown.
+    """
+    if similarity not in ("cosine", "euclidean"):
+        raise ValueError(f"similarity={similarity!r} must be cosine or euclidean")
+    _check(descriptors, "reference")
+    if descriptors.size == 0:
+        raise ValueError(f"need at least one reference descriptor of at least one value; got {descriptors.shape}")
+    rows = unit_norm(descriptors) if similarity == "cosine" and not unit else descriptors
+    rows = np.ascontiguousarray(rows)
+    squared = np.einsum("nd,nd->n", rows, rows)
+    if not np.isfinite(squared).all():
+        raise ValueError("a reference descriptor is too long for float32: its square is infinite")
+    half = 0.5 * squared if similarity == "euclidean" else np.zeros((), np.float32)
+    return PreparedReferences(rows, similarity, half, float(np.sqrt(squared.max())))
+
+
+def nearest_neighbours(
+    reference: Float32[ndarray, "n d"],
+    query: Float32[ndarray, "m d"],
+    k: int = 1,
+    similarity: Similarity = "cosine",
+) -> Int64[ndarray, "m k"]:
+    """Indices of the k most similar reference descriptors, best first; of equal ones the lower index first.
+
+    Args:
+        reference, query: one descriptor a row.
+        k: neighbours, in [1, n].
+        similarity: ``cosine`` (a row of zeros is at 0 to everything) or ``euclidean``.
+
+    Raises:
+        ValueError: k is out of range, the dimensions differ, or a descriptor is not finite.
+    """
+    return search_prepared(prepare_references(reference, similarity), query, k).indices
+
+
+def search_prepared(references: PreparedReferences, query: Float32[ndarray, "m d"], k: int = 1) -> Neighbours:
+    """The k most similar references of every query; see the module.
+
+    Memory beside the result: ``BLOCK`` scores, or one query's if there are more references than that.
+
+    Raises:
+        ValueError: k is out of range, the dimensions differ, or a query is not finite.
+    """
+    rows, euclidean = references.rows, references.similarity == "euclidean"
+    count, dimension = rows.shape
+    if query.ndim != 2 or query.shape[1] != dimension:
+        raise ValueError(f"need rows of one length; got {rows.shape} and {query.shape}")
+    if not 1 <= k <= count:
+        raise ValueError(f"k={k} must be in [1, {count}], the number of reference descriptors")
+    _check(query, "query")
+    if not euclidean:
+        query = unit_norm(query)
+    lengths = np.linalg.norm(query, axis=1).astype(np.float64)
+    rounding = (dimension + 2) * float(np.finfo(np.float32).eps) * references.longest
+    slack = 2 * rounding * (lengths + references.longest if euclidean else lengths)
+    indices, values = np.empty((len(query), k), np.int64), np.empty((len(query), k), np.float32)
+    at_a_time = max(1, BLOCK // count)
+    for start in range(0, len(query), at_a_time):
+        block = query[start : start + at_a_time]
+        # a vector for one query: the product of a matrix with a vector is bound by memory alone
+        scores = (rows @ block[0])[None] if len(block) == 1 else block @ rows.T
+        if euclidean:
+            scores -= references.half
+        for row, score in enumerate(scores, start):
+            close = _close(score, k, float(slack[row]))
+            exact = _exact(rows, query[row], close, euclidean)
+            order = np.argsort(-exact, kind="stable")[:k]
+            indices[row], values[row] = close[order], exact[order]
+    return Neighbours(np.sqrt(-np.minimum(values, 0)) if euclidean else values, indices)
+
+
+def _close(score: Float32[ndarray, "n"], k: int, slack: float) -> Int64[ndarray, "c"]:
+    """Rising indices of all scores within ``slack`` of the k-th best."""
+    groups = max(GROUPS, 8 * k)
+    if len(score) < 2 * groups:
+        return np.flatnonzero(score >= np.partition(score, -k)[-k] - slack)
+    # every groups-th score is in one group: frames that follow each other look alike and should not share one
+    best = score[: len(score) // groups * groups].reshape(-1, groups).max(axis=0)
+    close = np.flatnonzero(score >= np.partition(best, -k)[-k] - slack)
+    chosen = score[close]
+    return np.asarray(close[chosen >= np.partition(chosen, -k)[-k] - slack])
+
+
+def _exact(
+    rows: Float32[ndarray, "n d"], query: Float32[ndarray, "d"], close: Int64[ndarray, "c"], euclidean: bool
+) -> ndarray:
+    """Cosine similarities or negative squared distances in float64, each summed in the same order."""
+    wide = query.astype(np.float64)
+    at_a_time = max(1, RECOMPARED // max(1, rows.shape[1]))
+    parts = []
+    for start in range(0, len(close), at_a_time):
+        chosen = rows[close[start : start + at_a_time]].astype(np.float64)
+        parts.append(-((chosen - wide) ** 2).sum(axis=1) if euclidean else (chosen * wide).sum(axis=1))
+    return np.concatenate(parts)
+
+
+def _check(descriptors: ndarray, what: str) -> None:
+    if descriptors.ndim != 2 or descriptors.dtype != np.float32:
+        raise ValueError(f"need {what} descriptors (n, d) of float32; got {descriptors.dtype} {descriptors.shape}")
+    if not np.isfinite(descriptors).all():
+        raise ValueError(f"a {what} descriptor is not finite")

@@ -1,0 +1,180 @@
+r"""Mining: which triplets (anchor, positive, negative) a batch or a training set is asked about.
+
+All positives and negatives come from a :class:`~sextant.retrieval.Relation`, so that a pair it ignores is never used.
+With :math:`d_+` and :math:`d_-` the distances of the anchor's descriptor to those of positive and negative:
+
+* *random*: both drawn uniformly;
+* *semi-hard*: for every pair of anchor and positive a negative that is further than the positive, but within a margin:
+  :math:`d_+ < d_- < d_+ + m`, drawn among those. Pairs without one give no triplet;
+* *batch-hard*: for every anchor the furthest positive and the nearest negative of the batch;
+* *cached-hard*: for every anchor the nearest negatives among a sample of the whole training set, by descriptors that
+  were computed some steps ago. The nearest positive by those descriptors is taken, or one at random.
+
+Anchors without a positive or without a negative give no triplet and are counted.
+
+Sources: F. Schroff et al., "FaceNet", CVPR 2015 (semi-hard); A. Hermans et al., "In defense of the triplet loss for
+person re-identification", 2017 (batch-hard); R. Arandjelovic et al., "NetVLAD", CVPR 2016 (cached), with the sampled
+candidates of G. Berton et al., "Deep visual geo-localization benchmark", CVPR 2022.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import torch
+from jaxtyping import Bool, Float, Int64, Shaped
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.retrieval.relations import Relation
+
+
+class Mined(NamedTuple):
+    """Triplets, and what there was to mine from.
+
+    Attributes:
+        triplets: anchor, positive, negative.
+        anchors: images that could have been anchors.
+        unusable: anchors without a positive or without a negative.
+    """
+
+    triplets: Int64[Tensor, "t 3"]
+    anchors: int
+    unusable: int
+
+
+class Mining(Protocol):
+    """What an experiment's ``mining`` can be, for triplets within a batch."""
+
+    def __call__(
+        self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
+    ) -> Mined:
+        """Triplets of indices into the batch; ``generator`` is of the CPU."""
+        ...
+
+
+@dataclass(frozen=True)
+class NoMining:
+    """Gives the loss every triplet of the batch; losses of pairs take the relation itself then."""
+
+    def __call__(
+        self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
+    ) -> Mined:
+        """All triplets of the relation; nothing is drawn."""
+        return _mined(relation, *all_triplets(relation).unbind(1))
+
+
+@dataclass(frozen=True)
+class RandomMining:
+    """Draws positives and negatives uniformly.
+
+    Args:
+        per_anchor: triplets of each anchor.
+
+    Raises:
+        UserError: ``per_anchor`` is below 1.
+    """
+
+    per_anchor: int = 1
+
+    def __post_init__(self) -> None:
+        if self.per_anchor < 1:
+            raise UserError(f"mining.per_anchor={self.per_anchor} must be at least 1", "mining.per_anchor=1")
+
+    def __call__(
+        self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
+    ) -> Mined:
+        """Triplets of indices into the batch; the descriptors play no part."""
+        anchor = relation.usable().nonzero()[:, 0].repeat_interleave(self.per_anchor)
+        positive = draw_column(relation.positive[anchor], generator)
+        negative = draw_column(relation.negative[anchor], generator)
+        return _mined(relation, anchor, positive, negative)
+
+
+@dataclass(frozen=True)
+class SemiHardMining:
+    """For every pair of anchor and positive, draws a negative with ``d+ < d- < d+ + margin``.
+
+    Args:
+        margin: in the unit of the descriptors; of unit vectors the largest distance is 2.
+
+    Raises:
+        UserError: ``margin`` is not positive.
+    """
+
+    margin: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not self.margin > 0:
+            raise UserError(f"mining.margin={self.margin} must be above 0", "For example mining.margin=0.1")
+
+    def __call__(
+        self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
+    ) -> Mined:
+        """Triplets of indices into the batch, at most one a pair."""
+        apart = descriptor_distances(descriptors)
+        anchor, positive = relation.positive.nonzero().unbind(1)
+        near = apart[anchor, positive][:, None]
+        band = relation.negative[anchor] & (apart[anchor] > near) & (apart[anchor] < near + self.margin)
+        found = band.any(1)
+        return _mined(relation, anchor[found], positive[found], draw_column(band[found], generator))
+
+
+@dataclass(frozen=True)
+class BatchHardMining:
+    """For every anchor the furthest positive and the nearest negative."""
+
+    def __call__(
+        self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
+    ) -> Mined:
+        """Triplets of indices into the batch, one an anchor; nothing is drawn."""
+        apart = descriptor_distances(descriptors)
+        anchor = relation.usable().nonzero()[:, 0]
+        if len(anchor) == 0:
+            return _mined(relation, anchor, anchor, anchor)
+        positive = apart.masked_fill(~relation.positive, -1.0)[anchor].argmax(1)
+        negative = apart.masked_fill(~relation.negative, torch.inf)[anchor].argmin(1)
+        return _mined(relation, anchor, positive, negative)
+
+
+def draw_column(allowed: Bool[Tensor, "m n"], generator: torch.Generator | None = None) -> Int64[Tensor, "m"]:
+    """One allowed column of each row, uniformly; every row must allow at least one.
+
+    Drawn on the CPU whatever the device, so that one seed gives one result.
+    """
+    if allowed.numel() == 0:
+        return torch.zeros(len(allowed), dtype=torch.int64, device=allowed.device)
+    share = torch.rand(len(allowed), generator=generator, dtype=torch.float64).to(allowed.device)
+    counts = allowed.sum(1)
+    wanted = (share * counts).long().clamp(max=counts - 1)  # the rounding of share * counts may reach counts
+    return (allowed.cumsum(1) > wanted[:, None]).long().argmax(1)
+
+
+@torch.no_grad()
+def descriptor_distances(descriptors: Float[Tensor, "b d"]) -> Float[Tensor, "b b"]:
+    """Euclidean distances by differences, in float32 or wider, without gradient.
+
+    Raises:
+        ValueError: a descriptor is not finite.
+    """
+    wide = descriptors.to(torch.promote_types(descriptors.dtype, torch.float32))
+    if not bool(wide.isfinite().all()):
+        raise ValueError("a descriptor is not finite")
+    return torch.cdist(wide, wide, compute_mode="donot_use_mm_for_euclid_dist")
+
+
+def gathered(triplets: Int64[Tensor, "t 3"]) -> tuple[Int64[Tensor, "u"], Int64[Tensor, "t 3"]]:
+    """The images that triplets of a training set consist of, each once, and the triplets as indices into those."""
+    images, inverse = torch.unique(triplets, return_inverse=True)
+    return images, inverse.reshape(triplets.shape)
+
+
+def all_triplets(relation: Relation) -> Int64[Tensor, "t 3"]:
+    """Every triplet of a square relation, in order of anchor, positive, negative."""
+    anchor, positive = relation.positive.nonzero().unbind(1)
+    pair, negative = relation.negative[anchor].nonzero().unbind(1)
+    return torch.stack([anchor[pair], positive[pair], negative], 1)
+
+
+def _mined(relation: Relation, *columns: Shaped[Tensor, "t"]) -> Mined:
+    usable = int(relation.usable().sum())
+    return Mined(torch.stack(columns, 1), len(relation.positive), len(relation.positive) - usable)

@@ -1,0 +1,116 @@
+"""The methods that a trained place descriptor is compared with, each as descriptors of the test images."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Int64
+from numpy import ndarray
+
+from sextant.baselines import Hog, PatchNormalised, Pixels, WhitenedPCA
+from sextant.baselines.cca import CCA
+from sextant.baselines.descriptor import PlaceDescriptor, unit_norm
+from sextant.baselines.lda import LDA
+from sextant.baselines.paired_descriptor import PairedDescriptor
+from sextant.data.places import PlaceImages, PlaceTolerance
+
+Progress = Callable[[int, int], None]
+#: images described at a time by a network
+BATCH = 256
+
+
+@dataclass(frozen=True)
+class Described:
+    """Descriptors of the map and of the queries by one method; rows have norm one."""
+
+    reference: Float32[ndarray, "n d"]
+    query: Float32[ndarray, "m d"]
+
+    @property
+    def similarities(self) -> Float32[ndarray, "m n"]:
+        """Cosine similarities of all pairs."""
+        return np.asarray(self.query @ self.reference.T)
+
+
+def training_free(height: int, width: int) -> dict[str, PlaceDescriptor]:
+    """Descriptors that learn from no pair of images; whitened PCA learns from those of the map's condition."""
+    size = (height, width)
+    return {
+        "pixels": Pixels(*size),
+        "patch-normalised": PatchNormalised(*size),
+        "HOG": Hog(*size),
+        "whitened PCA": WhitenedPCA(*size),
+    }
+
+
+def pair_supervised(height: int, width: int) -> dict[str, PairedDescriptor]:
+    """Linear maps learnt from images of the same places under the two conditions."""
+    return {"LDA": LDA(height, width), "CCA": CCA(height, width)}
+
+
+def baselines(
+    train: PlaceImages, images: PlaceImages, query: str, tolerance: PlaceTolerance, *, size: tuple[int, int]
+) -> tuple[dict[str, Described], dict[str, str]]:
+    """Each method on the traverse ``query`` with the first traverse as its map, fitted on the training split alone.
+
+    Args:
+        train: images to learn from.
+        images: to describe.
+        query: condition of the queries.
+        tolerance: of one place.
+        size: height and width at which images are described.
+
+    Returns:
+        Descriptors by method; and of the methods that could not learn from these images, why.
+    """
+    reference = images.conditions[0]
+    maps, queries = (images.images[images.rows_of(name)] for name in (reference, query))
+    seen = train.images[train.rows_of(reference if reference in train.conditions else train.conditions[0])]
+    found: dict[str, Described] = {}
+    left_out: dict[str, str] = {}
+    for name, method in training_free(*size).items():
+        try:
+            method.fit(seen)
+        except ValueError as error:  # fewer images than dimensions
+            left_out[name] = str(error)
+            continue
+        found[name] = Described(unit_norm(method.describe(maps)), unit_norm(method.describe(queries)))
+    if not {reference, query} <= set(train.conditions):
+        reason = f"the training split lacks {reference} or {query}"
+        return found, left_out | dict.fromkeys(pair_supervised(*size), reason)
+    first, second = training_pairs(train, reference, query, tolerance)
+    for name, paired in pair_supervised(*size).items():
+        try:
+            paired.fit_pairs(train.images[first], train.images[second])
+        except ValueError as error:
+            left_out[name] = str(error)
+            continue
+        found[name] = Described(paired.describe(maps), paired.describe_query(queries))
+    return found, left_out
+
+
+def training_pairs(
+    train: PlaceImages, reference: str, query: str, tolerance: PlaceTolerance
+) -> tuple[Int64[ndarray, "p"], Int64[ndarray, "p"]]:
+    """One image of each training place under both conditions: of several positives the one next in frame number."""
+    first, second = train.rows_of(reference), train.rows_of(query)
+    matrix = train.positives(first, second, tolerance)
+    pairs = []
+    for row, image in enumerate(first):
+        partners = second[matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]]]
+        if len(partners):
+            pairs.append((image, partners[np.abs(train.frame[partners] - train.frame[image]).argmin()]))
+    columns = np.array(pairs, np.int64).reshape(-1, 2)
+    return columns[:, 0], columns[:, 1]
+
+
+@torch.no_grad()
+def network_descriptors(network: torch.nn.Module, images: PlaceImages) -> Float32[ndarray, "n d"]:
+    """Descriptors of all images by a network in evaluation mode."""
+    device = next(network.parameters()).device
+    parts = []
+    for start in range(0, len(images), BATCH):
+        chosen = torch.from_numpy(images.images[start : start + BATCH]).permute(0, 3, 1, 2)
+        parts.append(network(chosen.to(device).float() / 255).float().cpu().numpy())
+    return np.concatenate(parts)

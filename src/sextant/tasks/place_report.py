@@ -1,0 +1,259 @@
+"""The trained descriptor beside all others on the test split: figures of merit, arrays by query, table, pictures."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+from numpy import ndarray
+
+from sextant.baselines.descriptor import unit_norm
+from sextant.data.places import PlaceImages, PlaceTolerance
+from sextant.evaluation.condition_recall import condition_recall
+from sextant.evaluation.place_posterior import PlacePosterior, fit_temperature, place_posterior
+from sextant.evaluation.positives import Positives
+from sextant.evaluation.precision_recall import PrecisionRecall, best_match_curve
+from sextant.evaluation.retrieval import RANKS, Recall, RetrievalProtocol, recall
+from sextant.retrieval.nearest import Neighbours
+from sextant.retrieval.sequence_matching import match_sequences
+from sextant.tasks.place_methods import Described, Progress, baselines
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NETWORK = "network"
+#: queries in the gallery, and matches shown of each
+GALLERY_ROWS, GALLERY_MATCHES = 8, 5
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """One method on the queries of one condition.
+
+    Attributes:
+        described: map and queries.
+        neighbours: most similar references of every query.
+        recall: at several ranks.
+        curve: precision against recall of the best matches.
+        hit: whether the best match of each query is right.
+        sequence_hit: the same by sequences.
+        posterior: over the map, with a temperature fitted on the validation split; None without one.
+    """
+
+    described: Described
+    neighbours: Neighbours
+    recall: Recall
+    curve: PrecisionRecall
+    hit: Bool[ndarray, "m"]
+    sequence_hit: Bool[ndarray, "m"]
+    posterior: PlacePosterior | None = None
+
+
+@dataclass(frozen=True)
+class QueryReport:
+    """All methods on the queries of one condition.
+
+    Attributes:
+        protocol: what its figures mean.
+        positives: of each query among the map.
+        flat: queries without content, such as tunnels.
+        methods: results by name, the network last.
+        left_out: baselines that could not learn from the training split, with the reason.
+    """
+
+    protocol: RetrievalProtocol
+    positives: Positives
+    flat: Bool[ndarray, "m"]
+    methods: dict[str, MethodResult]
+    left_out: dict[str, str]
+
+
+def compare(
+    descriptors: Mapping[str, Float32[ndarray, "n d"]],
+    places: PlaceImages,
+    train: PlaceImages | None,
+    tolerance: PlaceTolerance,
+    *,
+    sequence_length: int,
+    size: tuple[int, int],
+    progress: Progress = lambda done, total: None,
+) -> list[QueryReport]:
+    """Every traverse but the first as queries, with the first as the map.
+
+    Args:
+        descriptors: of all images by networks, by method; ``network`` is the trained one.
+        places: the images.
+        train: what baselines learn from; None leaves them out.
+        tolerance: of one place.
+        sequence_length: images in a sequence.
+        size: height and width at which baselines see the images.
+        progress: called with the conditions done and all.
+    """
+    reports = []
+    reference_condition, *queries = places.conditions
+    reference = places.rows_of(reference_condition)
+    for number, condition in enumerate(queries):
+        query = places.rows_of(condition)
+        positives = Positives.from_sparse(places.positives(query, reference, tolerance))
+        found, left_out = ({}, {}) if train is None else baselines(train, places, condition, tolerance, size=size)
+        ours = {name: Described(unit_norm(d[reference]), unit_norm(d[query])) for name, d in descriptors.items()}
+        methods = {name: _result(each, positives, sequence_length) for name, each in (found | ours).items()}
+        unit = "f" if tolerance.unit == "frames" else "m"
+        protocol = RetrievalProtocol(
+            tolerance.positive, unit, condition, reference_condition, heading_deg=tolerance.heading_deg
+        )
+        reports.append(QueryReport(protocol, positives, places.flat[query], methods, left_out))
+        progress(number + 1, len(queries))
+    return reports
+
+
+def temperature(descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance) -> float:
+    """The temperature of the posterior that fits the other traverses of a split to its first."""
+    reference = places.rows_of(places.conditions[0])
+    query = np.concatenate([places.rows_of(name) for name in places.conditions[1:]])
+    positives = Positives.from_sparse(places.positives(query, reference, tolerance))
+    unit = unit_norm(descriptors)
+    return fit_temperature(unit[query] @ unit[reference].T, positives)
+
+
+def _result(described: Described, positives: Positives, length: int) -> MethodResult:
+    ranks = tuple(k for k in RANKS if k <= len(described.reference))
+    neighbours = nearest_with_values(described, max(ranks))
+    sequences = match_sequences(described.similarities, length=length)
+    return MethodResult(
+        described,
+        neighbours,
+        recall(neighbours.indices, positives, ranks),
+        best_match_curve(neighbours.indices, neighbours.values, positives),
+        positives.hits(neighbours.indices[:, :1])[:, 0],
+        positives.hits(sequences.indices[:, :1])[:, 0],
+    )
+
+
+def nearest_with_values(described: Described, k: int) -> Neighbours:
+    """The k most similar references of every query, and how similar they are."""
+    from sextant.retrieval.flat_index import FlatIndex
+
+    return FlatIndex(described.reference).search(described.query, k)
+
+
+def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior]) -> dict[str, float]:
+    """Figures of the network under their full names; MLflow allows no @ in them: ``R_at_1``."""
+    found: dict[str, float] = {}
+    for report, posterior in zip(reports, posteriors, strict=True):
+        ours = report.methods[NETWORK]
+        found |= ours.recall.named(report.protocol) | ours.curve.named(report.protocol)
+        found |= posterior.named(report.protocol)
+        found[report.protocol.name("R@1_sequence")] = float(ours.sequence_hit.mean())
+        if report.flat.any() and not report.flat.all():
+            found[report.protocol.name("R@1_not_flat")] = float(ours.hit[~report.flat].mean())
+    return {f"test/{name.replace('@', '_at_')}": value for name, value in found.items() if value == value}
+
+
+def posteriors_of(reports: list[QueryReport], temperature: float) -> list[PlacePosterior]:
+    """Posteriors of the network over the map, at a temperature that was fitted elsewhere."""
+    return [
+        place_posterior(report.methods[NETWORK].described.similarities, report.positives, temperature)
+        for report in reports
+    ]
+
+
+def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
+    """Of every query whether each method finds its place, ``R@1_.../<method>``, and whether it is flat."""
+    kept: dict[str, ndarray] = {}
+    for report in reports:
+        name = report.protocol.name("R@1")
+        kept |= {f"{name}/{method}": result.hit for method, result in report.methods.items()}
+        sequence = report.protocol.name("R@1_sequence")
+        kept |= {f"{sequence}/{method}": result.sequence_hit for method, result in report.methods.items()}
+        kept[f"{report.protocol.name('flat')}"] = report.flat
+    return kept
+
+
+def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, str]]:
+    """A row a condition and method, in per cent."""
+    rows = []
+    for report in reports:
+        for method, result in report.methods.items():
+            kept = ~report.flat
+            row = {
+                "query": report.protocol.query,
+                "method": method,
+                "dim": str(result.described.reference.shape[1]),
+                "R@1": _percent(result.recall.over_all[1]),
+                "R@1 not flat": _percent(float(result.hit[kept].mean()) if kept.any() else float("nan")),
+                "R@5": _percent(result.recall.over_all.get(5, float("nan"))),
+                "AUC": f"{result.curve.auc:.3f}",
+                "R@100P": _percent(result.curve.recall_at_precision(1)),
+                f"R@1 seq {sequence_length}": _percent(float(result.sequence_hit.mean())),
+            }
+            rows.append(row)
+    return rows
+
+
+def _percent(share: float) -> str:
+    return "–" if share != share else f"{100 * share:.1f}"
+
+
+def figures(
+    reports: list[QueryReport], descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
+) -> "Iterator[tuple[str, Figure]]":
+    """Curves, similarity matrix and gallery of each condition, and recall between all pairs of conditions."""
+    from sextant.figures.condition_confusion import condition_confusion
+    from sextant.figures.precision_recall import precision_recall_curves
+    from sextant.figures.retrieval_gallery import retrieval_gallery
+    from sextant.figures.similarity_matrix import similarity_matrix
+
+    reference = places.rows_of(places.conditions[0])
+    for report in reports:
+        condition, ours = report.protocol.query, report.methods[NETWORK]
+        title = f"{condition} in {report.protocol.reference}, {report.protocol.name('R@1')}"
+        curves = {name: result.curve for name, result in report.methods.items()}
+        yield f"precision_recall_{condition}", precision_recall_curves(curves, title)
+        yield (
+            f"similarity_{condition}",
+            similarity_matrix(
+                ours.described.similarities,
+                report.positives,
+                ours.neighbours.indices[:, 0],
+                query=condition,
+                reference=report.protocol.reference,
+                title=title,
+            ),
+        )
+        rows = _gallery_rows(report, places, places.rows_of(condition), reference)
+        yield f"gallery_{condition}", retrieval_gallery(rows, title)
+    every = np.arange(len(places))
+    positives = Positives.from_sparse(places.positives(every, every, tolerance))
+    yield (
+        "condition_confusion",
+        condition_confusion(condition_recall(descriptors, places.traverse, positives, places.conditions)),
+    )
+
+
+def _gallery_rows(
+    report: QueryReport, places: PlaceImages, query: Int64[ndarray, "m"], reference: Int64[ndarray, "n"]
+) -> list:  # type: ignore[type-arg]
+    """Queries at even steps through the ride, each with its best matches and the right place."""
+    from sextant.figures.retrieval_gallery import Retrieved
+
+    ours = report.methods[NETWORK]
+    shown = np.unique(np.linspace(0, len(query) - 1, GALLERY_ROWS).round().astype(int))
+    matches = ours.neighbours.indices[:, :GALLERY_MATCHES]
+    right = report.positives.hits(matches)
+    rows = []
+    for i in shown:
+        partners = report.positives[int(i)]
+        truth = None if not len(partners) else places.images[reference[partners[len(partners) // 2]]]
+        rows.append(
+            Retrieved(
+                places.images[query[i]],
+                [places.images[reference[j]] for j in matches[i]],
+                [bool(r) for r in right[i]],
+                title=places.names[query[i]],
+                titles=[f"{value:.2f}" for value in ours.neighbours.values[i, :GALLERY_MATCHES]],
+                truth=truth,
+            )
+        )
+    return rows
