@@ -86,7 +86,11 @@ class PlaceFolders:
         self.places, self.csv = places, csv
         self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
         self.cache = Path(roots[-1]) if roots else None
-        self.splits: dict[Split, Mapping[str, str] | None] = {"train": train, "val": val, "test": test or REFERENCE_AND_QUERY}
+        self.splits: dict[Split, Mapping[str, str] | None] = {
+            "train": train,
+            "val": val,
+            "test": test or REFERENCE_AND_QUERY,
+        }
         self.size, self.skip_bad, self.allow_duplicates = ImageSize(height, width, channels), skip_bad, allow_duplicates
 
     @property

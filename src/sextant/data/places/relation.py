@@ -1,5 +1,7 @@
 """From images of places to what mining and losses ask: who shows the same place as whom."""
 
+import math
+
 import torch
 
 from sextant.data.places.batches import PlaceBatch
@@ -9,8 +11,11 @@ from sextant.retrieval import Places, Tolerance
 
 
 def mining_tolerance(tolerance: PlaceTolerance) -> Tolerance:
-    """The tolerance without its unit, which :func:`batch_places` and :func:`places_of` choose the positions by."""
-    return Tolerance(tolerance.positive, tolerance.negative, tolerance.heading_deg)
+    """The tolerance without its unit, which :func:`batch_places` and :func:`places_of` choose the positions by.
+
+    Mining takes pairs *beyond* its tolerance for negatives, places from theirs on: 10 frames apart are two places.
+    """
+    return Tolerance(tolerance.positive, math.nextafter(tolerance.negative, 0), tolerance.heading_deg)
 
 
 def batch_places(batch: PlaceBatch, tolerance: PlaceTolerance) -> Places:
