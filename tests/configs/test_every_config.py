@@ -21,7 +21,11 @@ NEEDED = {
     "parameterization": ["task=calibration"],
     "loss": ["task=calibration"],
     "sampling": ["task=calibration"],
+    "pooling": ["task=place_recognition"],
+    "mining": ["task=place_recognition"],
 }
+PLACE_LOSSES = {"contrastive", "info_nce", "multi_similarity", "soft_margin", "triplet_margin", "triplet_ratio"}
+NEEDED |= {f"loss={name}": ["task=place_recognition"] for name in PLACE_LOSSES}
 NAMES = {"panorama_mix": "town_panoramas+panorama_folder"}
 NOT_BUILT = {"trainer", "tracking", "paths", "task", "experiment", "sweep"}
 CHOICES = [(group, option) for group, options in groups().items() for option in options]
@@ -41,7 +45,9 @@ def test_composes_validates_and_builds(group, option):
         assert build_dataset(raw, config).name == NAMES.get(option, option)
     elif group == "backbone":
         assert build(raw, group, in_channels=3, image_size=(72, 96), num_classes=10) is not None
-    elif group == "loss":
+    elif group == "pooling":
+        assert build(raw, group, channels=16, size=(8, 12)) is not None
+    elif group == "loss" and option not in PLACE_LOSSES:
         low, high = torch.tensor([-0.5, -0.5, 0.5, -1.0]), torch.tensor([0.5, 0.5, 1.5, 0.0])
         assert build(raw, group, space=ParameterSpace(Parameterization(), low, high)) is not None
     elif choice == "corruption=files":
@@ -79,7 +85,7 @@ def test_a_sweep_brings_its_experiment():
 
 
 @pytest.mark.parametrize("parameterization", ["direct", "horizon", "undistorted_horizon"])
-@pytest.mark.parametrize("loss", [option for option in groups()["loss"]])
+@pytest.mark.parametrize("loss", [option for option in sorted(set(groups()["loss"]) - PLACE_LOSSES)])
 @pytest.mark.parametrize("sampling", [option for option in groups()["sampling"]])
 def test_every_parameterization_goes_with_every_loss_and_every_sampling(parameterization, loss, sampling):
     choices = [f"parameterization={parameterization}", f"loss={loss}", f"sampling={sampling}"]
