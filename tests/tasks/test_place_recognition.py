@@ -51,7 +51,7 @@ def config(folder, outputs, *overrides):
         "dataset.height=16",
         "dataset.width=24",
         *splits,
-        "pooling.grid=null",
+        *([] if any(o.startswith("pooling=") for o in overrides) else ["pooling.grid=null"]),
         "task.batch_places=12",
         "task.tolerance.frames.positive=0",
         "task.tolerance.frames.negative=1",
@@ -136,12 +136,17 @@ def test_runs_repeat_bit_for_bit(folder, tmp_path):
     ("overrides", "said"),
     [
         (["loss=bearing"], "is not one of task=place_recognition"),
-        (["dataset=digits"], "has no places"),
         (["corruption=gaussian"], "corruption=none"),
         (["task.tolerance.m.negative=1"], "positive=3 must be below negative=1"),
-        (["task.train_conditions=[day]", "task.test_conditions=[night]"], "condition"),
+        (["task.train_conditions=[day]", "task.test_conditions=[night]"], "nothing to learn from"),
     ],
 )
 def test_mistakes(folder, tmp_path, overrides, said):
     with pytest.raises(UserError, match=said):
         execute(config(folder, tmp_path, *overrides))
+
+
+def test_a_dataset_without_places(tmp_path):
+    raw = to_plain(compose(["task=place_recognition", "dataset=digits", f"paths.outputs={tmp_path}", "tracking=none"]))
+    with pytest.raises(UserError, match=r"has no places.*\n.*town_seasons"):
+        execute(raw)
