@@ -174,7 +174,8 @@ def test_an_interrupted_process_resumes_to_the_same_files(make, tmp_path):
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     said = process.communicate(timeout=120)[0]
-    assert process.returncode in (0, 130)
+    done = all((tmp_path / "out" / f"{name}.npy").exists() for name in ("contrast", "glass_blur", "fog"))
+    assert process.returncode == 130 or done  # a process that is done may end by the signal: Python handles none then
     if process.returncode == 130:
         assert "interrupted" in said
         assert not list((tmp_path / "out").glob("*.tmp"))
