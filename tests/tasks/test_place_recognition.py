@@ -8,7 +8,7 @@ import torch
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from sextant.cli import evaluate
+from sextant.cli import evaluate, predict
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import execute
 from sextant.errors import UserError
@@ -150,3 +150,9 @@ def test_a_dataset_without_places(tmp_path):
     raw = to_plain(compose(["task=place_recognition", "dataset=digits", f"paths.outputs={tmp_path}", "tracking=none"]))
     with pytest.raises(UserError, match=r"has no places.*\n.*town_seasons"):
         execute(raw)
+
+
+def test_predict_says_that_it_does_not_take_places(trained, folder, tmp_path):
+    _, run = trained
+    with pytest.raises(UserError, match=r"does not take models of place_recognition"):
+        predict.main([f"run={run.path}", f"input={folder / 'test' / 'day'}", f"output={tmp_path / 'out'}"])

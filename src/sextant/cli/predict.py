@@ -55,10 +55,16 @@ def main(arguments: Sequence[str]) -> None:
     except OSError as error:
         raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
     found = _find_run(given)
+    from sextant.cli.families import family_of
     from sextant.cli.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
 
     trained = read_trained(found.checkpoint)[KEY]
+    if not family_of(trained["task"]).predicts:
+        raise UserError(
+            f"run={given['run']}: predict.py does not take models of {trained['task']}",
+            "python evaluate.py tests it on images of yours: see docs/places.md",
+        )
     trust = given.get("trust") == "true"
     if trained["task"] == "calibration":
         _calibrate(trained, found.checkpoint, paths, output, options, trust)

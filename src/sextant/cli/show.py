@@ -61,9 +61,10 @@ def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
     console.print(f"figures    {run}/figures")
     if timing["fit_s"]:
         family = family_of(task)
+        predict = f"predict    python predict.py run={run} input=<folder> output=<folder>\n" if family.predicts else ""
         console.print(
             f"evaluate   python evaluate.py run={run} {family.evaluation_example}\n"
-            f"predict    python predict.py run={run} input=<folder> output=<folder>\n"
+            f"{predict}"
             f"sweep      python train.py -m {family.sweep_example}\n"
             f"dashboard  make dashboard"
         )

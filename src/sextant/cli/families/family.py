@@ -52,11 +52,13 @@ class Family(ABC):
     Attributes:
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
         sweep_example: arguments of ``train.py -m`` that a user may want next.
+        predicts: whether ``predict.py`` can use its models.
         test_settings: keys of ``task`` that say how is tested, and may change after training.
     """
 
     evaluation_example: ClassVar[str]
     sweep_example: ClassVar[str]
+    predicts: ClassVar[bool] = True
     test_settings: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod

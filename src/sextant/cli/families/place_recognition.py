@@ -26,6 +26,7 @@ class PlaceRecognitionFamily(Family):
 
     evaluation_example = "dataset=nordland"
     sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
+    predicts = False
     test_settings = ("baselines", "sequence_length", "test_tolerance")
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "PlaceSource":
