@@ -85,6 +85,19 @@ class ImageSource(ABC):
         return hashlib.sha256(json.dumps(entries).encode()).hexdigest()
 
 
+def first_folder(looked: Sequence[Path], key: str, fix: str) -> Path:
+    """The first of the places looked in that is a folder.
+
+    Raises:
+        MissingDataError: none is; names ``key``, all the places and what to do.
+    """
+    for path in looked:
+        if path.is_dir():
+            return path
+    places = "\n".join(f"  {path}" for path in looked)
+    raise MissingDataError(f"{key}: no such folder. Looked for\n{places}", fix)
+
+
 def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], *, dataset: str, source: str) -> Path:
     """The first ``root/folder`` that holds all files ``names``.
 

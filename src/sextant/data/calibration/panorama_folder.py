@@ -17,7 +17,7 @@ from sextant.atomic_files import write_atomically
 from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split, telling_every
 from sextant.data.rendered.disk import telling_disk_errors
-from sextant.data.source import MissingDataError, file_sha256
+from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import UserError
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
@@ -81,12 +81,9 @@ class PanoramaFolder:
     @cached_property
     def folder(self) -> Path:
         """The first of the places looked in that is a folder."""
-        for path in self.looked:
-            if path.is_dir():
-                return path
-        places = "\n".join(f"  {path}" for path in self.looked)
-        raise MissingDataError(
-            f"dataset.folder: no such folder. Looked for\n{places}",
+        return first_folder(
+            self.looked,
+            "dataset.folder",
             "Give a folder of panoramas twice as wide as high: dataset.folder=/path/to/panoramas. "
             "Without panoramas of your own: dataset=town_panoramas",
         )

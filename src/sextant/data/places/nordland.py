@@ -18,7 +18,7 @@ from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.source import SPLITS, Split
 from sextant.data.places.splits import FrameRanges
-from sextant.data.source import MissingDataError, file_sha256
+from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import UserError
 
 
@@ -71,12 +71,9 @@ class Nordland:
     @cached_property
     def folder(self) -> Path:
         """The first of the places looked in that is a folder."""
-        for path in self.looked:
-            if path.is_dir():
-                return path
-        places = "\n".join(f"  {path}" for path in self.looked)
-        raise MissingDataError(
-            f"dataset={self.name}: no such folder. Looked for\n{places}",
+        return first_folder(
+            self.looked,
+            f"dataset={self.name}",
             "Put the frames of each season into a folder there, such as nordland/summer and nordland/winter, with "
             "equal names for\nequal places, or set SEXTANT_DATA to the folder that holds nordland. "
             "Without any download: dataset=town_seasons",

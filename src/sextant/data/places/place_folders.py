@@ -16,7 +16,7 @@ from sextant.data.places.images import PlaceImages
 from sextant.data.places.pose_files import Pose, table_poses, utm_poses
 from sextant.data.places.problem_list import problem_list
 from sextant.data.places.source import SPLITS, Split
-from sextant.data.source import MissingDataError, file_sha256
+from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import UserError
 
 Places = Literal["csv", "utm", "order", "name"]
@@ -101,12 +101,9 @@ class PlaceFolders:
     @property
     def folder(self) -> Path:
         """The first of the places looked in that is a folder."""
-        for path in self.looked:
-            if path.is_dir():
-                return path
-        places = "\n".join(f"  {path}" for path in self.looked)
-        raise MissingDataError(
-            f"dataset.folder: no such folder. Looked for\n{places}",
+        return first_folder(
+            self.looked,
+            "dataset.folder",
             "Give the folder around the traverses: dataset.folder=/path/to/places "
             "dataset.test='{reference: first, query: second}'. Without images of your own: dataset=town_seasons",
         )
