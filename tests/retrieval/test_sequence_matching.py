@@ -128,3 +128,11 @@ def test_bad_parameters_are_refused(options, complaint):
 def test_similarities_that_are_not_finite_are_refused():
     with pytest.raises(ValueError, match="finite similarities"):
         sequence_scores(np.full((2, 2), np.nan, np.float32))
+
+
+@given(st.integers(0, 2**31))
+def test_the_best_is_the_first_of_several_whatever_is_asked_for(seed):
+    similarities = np.random.default_rng(seed).integers(0, 2, (6, 9)).astype(np.float32)  # with ties
+    one, several = (match_sequences(similarities, k, length=2, velocities=(1.0,)) for k in (1, 4))
+    assert np.array_equal(one.indices[:, 0], several.indices[:, 0])
+    assert np.array_equal(one.scores[:, 0], several.scores[:, 0])

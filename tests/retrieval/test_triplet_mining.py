@@ -5,6 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sextant.data.places import PlaceTolerance
 from sextant.errors import UserError
 from sextant.retrieval import (
     BatchHardMining,
@@ -13,7 +14,6 @@ from sextant.retrieval import (
     RandomMining,
     Relation,
     SemiHardMining,
-    Tolerance,
     all_triplets,
     gathered,
     relations,
@@ -134,7 +134,7 @@ def ride(seed, n=40):
     positive=st.sampled_from(["nearest", "random", "furthest"]),
     candidates=st.integers(1, 60),
     tolerance=st.sampled_from(
-        [Tolerance(1.0, 4.0), Tolerance(0.0, 15.0, across_conditions=True), Tolerance(50.0, 60.0)]
+        [PlaceTolerance("frames", 1, 4), PlaceTolerance("frames", 0, 15), PlaceTolerance("frames", 50, 60)]
     ),
 )
 def test_cached_hard_takes_true_pairs_and_the_nearest_of_the_candidates(seed, positive, candidates, tolerance):
@@ -170,9 +170,9 @@ def test_cached_hard_takes_true_pairs_and_the_nearest_of_the_candidates(seed, po
 def test_the_blocks_of_cached_mining_do_not_show(monkeypatch):
     cache, places = ride(3)
     mining = CachedHardMining(anchors=30, candidates=20, negatives=4)
-    whole = mining(cache, places, Tolerance(1.0, 4.0), seeded(0)).triplets
+    whole = mining(cache, places, PlaceTolerance("frames", 1.0, 4.0), seeded(0)).triplets
     monkeypatch.setattr("sextant.retrieval.cached_mining.BLOCK", 80)
-    assert torch.equal(mining(cache, places, Tolerance(1.0, 4.0), seeded(0)).triplets, whole)
+    assert torch.equal(mining(cache, places, PlaceTolerance("frames", 1.0, 4.0), seeded(0)).triplets, whole)
 
 
 def test_gathered_triplets_mean_the_same_images():
@@ -193,9 +193,9 @@ def test_descriptors_that_are_not_finite_are_refused():
         with pytest.raises(ValueError, match="not finite"):
             mining(broken, relation)
     with pytest.raises(ValueError, match="not finite"):
-        CachedHardMining()(broken, Places.by_frame(torch.arange(4)), Tolerance(1.0, 2.0))
+        CachedHardMining()(broken, Places.by_frame(torch.arange(4)), PlaceTolerance("frames", 1.0, 2.0))
     with pytest.raises(ValueError, match="4 cached"):
-        CachedHardMining()(broken, Places.by_frame(torch.arange(5)), Tolerance(1.0, 2.0))
+        CachedHardMining()(broken, Places.by_frame(torch.arange(5)), PlaceTolerance("frames", 1.0, 2.0))
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,20 @@ import json
 import numpy as np
 import pytest
 import torch
+import yaml
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from sextant.cli import evaluate, predict
+from sextant.cli import evaluate
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import execute
+from sextant.cli.families.place_recognition import PlaceRecognitionFamily
+from sextant.cli.training import model_from_checkpoint
+from sextant.config import validate
+from sextant.data.places import PlaceTolerance
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory
+from sextant.tasks.place_whitening import Whitening, solve_projection
 
 PLACES = {"train": 48, "val": 16, "test": 24}
 
@@ -51,7 +57,8 @@ def config(folder, outputs, *overrides):
         "dataset.height=16",
         "dataset.width=24",
         *splits,
-        *([] if any(o.startswith("pooling=") for o in overrides) else ["pooling.grid=null"]),
+        "backbone=place_cnn",
+        "task.whitening=null",  # there are fewer images than numbers in a descriptor
         "task.batch_places=12",
         "task.tolerance.frames.positive=0",
         "task.tolerance.frames.negative=1",
@@ -96,6 +103,25 @@ def test_pictures(trained):
     _, run = trained
     names = {path.stem for path in run.figures.glob("*.png")}
     assert names == {"precision_recall_night", "similarity_night", "gallery_night", "condition_confusion"}
+
+
+def test_the_last_layer_is_solved_for_after_the_last_epoch(folder, tmp_path):
+    whitening = ["task.whitening={components: 64, shrinkage: 1.0}", "task.dimension=16", "task.baselines=false"]
+    run = RunDirectory(execute(config(folder, tmp_path, *whitening)).directory)
+    raw = yaml.safe_load(run.config.read_text())
+    module = model_from_checkpoint(raw, validate(raw), run.last_checkpoint)
+    kept = module.network.projection.weight.clone()
+    torch.nn.init.zeros_(module.network.projection.weight)
+    train = PlaceRecognitionFamily().source(raw, validate(raw)).read("train")
+    solve_projection(module.network, train, PlaceTolerance("frames", 0, 1), Whitening(64, 1.0))
+    torch.testing.assert_close(module.network.projection.weight, kept, rtol=1e-3, atol=1e-4)
+
+
+def test_too_few_images_to_solve_for_the_last_layer_are_told_before_training(folder, tmp_path):
+    with pytest.raises(UserError, match=r"task.whitening: 96 training images.*\n.*task.dimension=95"):
+        execute(config(folder, tmp_path, "task.whitening={components: 256, shrinkage: 1.0}"))
+    with pytest.raises(UserError, match=r"test_checkpoint=best needs task.whitening=null"):
+        execute(config(folder, tmp_path, "task.whitening={components: 8, shrinkage: 1}", "task.test_checkpoint=best"))
 
 
 @pytest.mark.parametrize(
@@ -150,9 +176,3 @@ def test_a_dataset_without_places(tmp_path):
     raw = to_plain(compose(["task=place_recognition", "dataset=digits", f"paths.outputs={tmp_path}", "tracking=none"]))
     with pytest.raises(UserError, match=r"has no places.*\n.*town_seasons"):
         execute(raw)
-
-
-def test_predict_says_that_it_does_not_take_places(trained, folder, tmp_path):
-    _, run = trained
-    with pytest.raises(UserError, match=r"does not take models of place_recognition"):
-        predict.main([f"run={run.path}", f"input={folder / 'test' / 'day'}", f"output={tmp_path / 'out'}"])

@@ -10,7 +10,7 @@ from numpy import ndarray
 from sextant.baselines.descriptor import CHUNK, PlaceDescriptor, unit_norm
 from sextant.baselines.grey import grey_images
 from sextant.baselines.pixels import Pixels
-from sextant.baselines.whitened_pca import SMALLEST_SHARE
+from sextant.baselines.whitening import SMALLEST_SHARE
 
 
 class PairedDescriptor(PlaceDescriptor):

@@ -8,9 +8,7 @@ from numpy import ndarray
 
 from sextant.baselines.descriptor import PlaceDescriptor, unit_norm
 from sextant.baselines.pixels import Pixels
-
-#: Components with a smaller share of the first one's variance are rounding, which whitening would blow up.
-SMALLEST_SHARE = 1e-7
+from sextant.baselines.whitening import whitening
 
 
 class WhitenedPCA(PlaceDescriptor):
@@ -39,17 +37,11 @@ class WhitenedPCA(PlaceDescriptor):
         Raises:
             ValueError: the images span fewer than ``dimensions`` directions.
         """
-        from sklearn.decomposition import PCA
-
         if self.dimensions >= len(images):
             raise ValueError(f"dimensions={self.dimensions} needs more reference images than that; got {len(images)}")
         step = -(-len(images) // max(self.most_images, self.dimensions + 1))
         pixels = Pixels(self.height, self.width).describe(images[::step])
-        self.pca_ = PCA(self.dimensions, whiten=True, svd_solver="covariance_eigh").fit(pixels)
-        variance = self.pca_.explained_variance_
-        rank = int((variance > SMALLEST_SHARE * variance[0]).sum())
-        if rank < self.dimensions:
-            raise ValueError(f"dimensions={self.dimensions}, but the reference images span only {rank} directions")
+        self.pca_ = whitening(pixels, self.dimensions)
         return self
 
     def describe_grey(self, grey: Float32[ndarray, "n h w"]) -> Float32[ndarray, "n d"]:

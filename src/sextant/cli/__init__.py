@@ -7,7 +7,7 @@ from importlib import import_module
 VERBS = {
     "train": ("sextant.cli.train", "train and test a model, or sweep with -m"),
     "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
-    "predict": ("sextant.cli.predict", "classify images or calibrate photos with a trained model"),
+    "predict": ("sextant.cli.predict", "classify images, calibrate photos, or look photos up in a map"),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
     "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),

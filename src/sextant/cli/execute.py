@@ -65,6 +65,11 @@ def identity_of(config: Config) -> dict[str, Any]:
     typed = config.model_dump(by_alias=True)
     if config.init_from is not None:
         typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs)).identity
+    shelf = getattr(config.task, "off_the_shelf", None)
+    if shelf is not None:
+        from sextant.cli.off_the_shelf import weights_identity
+
+        typed["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
     if isinstance(config.corruption, StoredSuite):
         from sextant.corruptions.stored_suite import folder_identity
 

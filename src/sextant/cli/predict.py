@@ -1,4 +1,4 @@
-"""``predict.py``: classify images, or calibrate photos, with a trained model.
+"""``predict.py``: classify images, calibrate photos, or look photos up in a map, with a trained model.
 
 What is heavy is imported where it is used, so that mistakes in a command are told at once.
 """
@@ -6,7 +6,7 @@ What is heavy is imported where it is used, so that mistakes in a command are to
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,12 @@ import numpy as np
 from sextant.atomic_files import write_atomically
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
+from sextant.cli.input_photos import find_photos
 from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.photo_calibration.inputs import find_photos
 from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
 from sextant.cli.photo_calibration.options import CalibrationOptions, options_from
+from sextant.cli.place_matching.options import INPUTS as PLACE_INPUTS
+from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
 from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
@@ -28,13 +30,15 @@ USAGE = (
     "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> "
     "output=<folder>"
 )
+PLACE_USAGE = "python predict.py run=<...> map=<folder> queries=<folder> [output=matches]"
 KEYS = {
     "run": "the trained model",
     "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'",
-    "output": "folder for what is found: tables (CSV, JSON) and pictures",
+    "output": "folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given",
     "outputs": "output folder of runs, if not the default",
     "trust": "true: build parts of the user's own that the checkpoint names",
     **{key: f"calibration: {text}" for key, text in CALIBRATION_KEYS.items()},
+    **{key: f"places: {text}" for key, text in (PLACE_INPUTS | PLACE_KEYS).items()},
 }
 BATCH = 256
 SHEET = 40
@@ -43,34 +47,31 @@ SHEET = 40
 def main(arguments: Sequence[str]) -> None:
     """Predict every image; one that cannot be read is named in the result and the rest go on."""
     quiet_libraries()
-    given = parse_arguments(arguments, KEYS, USAGE)
-    for key in ("run", "input", "output"):
-        if key not in given:
-            raise UserError(f"{key}= is missing", USAGE)
+    given = parse_arguments(arguments, KEYS, f"{USAGE}\n{PLACE_USAGE}")
+    if any(key in given for key in PLACE_INPUTS):
+        _match_places(given)
+        return
+    _require(given, ("run", "input", "output"), USAGE)
     output = Path(given["output"]).expanduser()
     options = options_from(given)
     paths = find_photos(given["input"], output)
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
+    _make(output)
     found = _find_run(given)
-    from sextant.cli.families import family_of
     from sextant.cli.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
 
     trained = read_trained(found.checkpoint)[KEY]
-    if not family_of(trained["task"]).predicts:
+    if trained["task"] == "place_recognition":
         raise UserError(
-            f"run={given['run']}: predict.py does not take models of {trained['task']}",
-            "python evaluate.py tests it on images of yours: see docs/places.md",
+            f"run={given['run']}: input= does not take models of place_recognition, which look photos up in a map",
+            PLACE_USAGE,
         )
+    _refuse(given, PLACE_KEYS, "place_recognition", trained["task"])
     trust = given.get("trust") == "true"
     if trained["task"] == "calibration":
         _calibrate(trained, found.checkpoint, paths, output, options, trust)
         return
-    if chosen := [key for key in CALIBRATION_KEYS if key in given]:
-        raise UserError(f"{chosen[0]}= belongs to calibration; this is a model of {trained['task']}", USAGE)
+    _refuse(given, CALIBRATION_KEYS, "calibration", trained["task"])
     rows, pictures = _classify(paths, found.checkpoint, trust)
     with telling_write_errors(output):
         _write(rows, output)
@@ -80,6 +81,25 @@ def main(arguments: Sequence[str]) -> None:
         f"{len(rows) - failed} images classified" + (f", [red]{failed} could not be read[/]" if failed else "")
     )
     console.print(f"{output}/predictions.csv\n{output}/predictions.json\n{output}/predictions.png")
+
+
+def _require(given: Mapping[str, str], keys: Sequence[str], usage: str) -> None:
+    for key in keys:
+        if key not in given:
+            raise UserError(f"{key}= is missing", usage)
+
+
+def _refuse(given: Mapping[str, str], keys: Iterable[str], task: str, trained: str) -> None:
+    """Raise a ``UserError`` if one of ``keys``, which belong to ``task``, is given to a model of another."""
+    if chosen := [key for key in keys if key in given]:
+        raise UserError(f"{chosen[0]}= belongs to {task}; this is a model of {trained}", USAGE)
+
+
+def _make(output: Path) -> None:
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
 
 
 def _find_run(given: Mapping[str, str]) -> FoundRun:
@@ -105,6 +125,40 @@ def _calibrate(
 
     raw, config = checkpoint_config(trained, ["trust=true"] if trust else [])
     predict_calibrations(TrainedModel(model_from_checkpoint(raw, config, checkpoint)), paths, output, options)
+
+
+def _match_places(given: Mapping[str, str]) -> None:
+    from sextant.cli.place_matching.inputs import read_inputs
+
+    _require(given, ("run", *PLACE_INPUTS), PLACE_USAGE)
+    if chosen := [key for key in ("input", *CALIBRATION_KEYS) if key in given]:
+        raise UserError(f"{chosen[0]}= does not go with map= and queries=", PLACE_USAGE)
+    inputs = read_inputs(given)
+    _make(inputs.output)
+    found = _find_run(given)
+    from sextant.cli.trained_model import read_trained
+    from sextant.runs.checkpoint import KEY
+
+    trained = read_trained(found.checkpoint)[KEY]
+    if trained["task"] != "place_recognition":
+        raise UserError(f"map= belongs to place_recognition; this is a model of {trained['task']}", USAGE)
+    from sextant.cli.evaluate import checkpoint_config
+    from sextant.cli.place_matching.network import TrainedNetwork
+    from sextant.cli.place_matching.predict import predict_places
+    from sextant.cli.place_matching.run_facts import run_facts, run_temperature
+    from sextant.cli.training import model_from_checkpoint
+    from sextant.config.schema import PlaceRecognitionTask
+
+    raw, config = checkpoint_config(trained, ["trust=true"] if given.get("trust") == "true" else [])
+    assert isinstance(config.task, PlaceRecognitionTask)
+    network = TrainedNetwork(model_from_checkpoint(raw, config, found.checkpoint), found.identity)
+    predict_places(
+        network,
+        inputs,
+        run_temperature(found),
+        config.task.test_tolerance,
+        run_facts(given["run"], found, network.model, trained),
+    )
 
 
 def _classify(

@@ -61,10 +61,9 @@ def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
     console.print(f"figures    {run}/figures")
     if timing["fit_s"]:
         family = family_of(task)
-        predict = f"predict    python predict.py run={run} input=<folder> output=<folder>\n" if family.predicts else ""
         console.print(
             f"evaluate   python evaluate.py run={run} {family.evaluation_example}\n"
-            f"{predict}"
+            f"predict    python predict.py run={run} {family.prediction_example} output=<folder>\n"
             f"sweep      python train.py -m {family.sweep_example}\n"
             f"dashboard  make dashboard"
         )

@@ -123,7 +123,7 @@ def file_sha256(path: Path) -> str:
     return _file_sha256(path, status.st_size, status.st_mtime_ns)
 
 
-@lru_cache(maxsize=65536)
+@lru_cache(maxsize=2**20)
 def _file_sha256(path: Path, size: int, mtime_ns: int) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -7,6 +7,7 @@ import torch
 from torch import nn
 
 from sextant.errors import UserError
+from sextant.models.weights_file import load_weights
 
 
 def torchvision_backbone(
@@ -26,6 +27,23 @@ def torchvision_backbone(
     Raises:
         UserError: there is no such network, or the weights cannot be had or do not fit.
     """
+    network = torchvision_classifier(name, weights)
+    _replace_last(network, num_classes)
+    if in_channels != 3:
+        _widen_first(network, in_channels)
+    return network
+
+
+def torchvision_classifier(name: str, weights: str | None = None) -> nn.Module:
+    """The torchvision network ``name`` as it is, for colour images, with its own classes.
+
+    Args:
+        name: such as ``alexnet``.
+        weights: None, ``imagenet`` (torchvision fetches them), or a safetensors or ``weights_only`` file.
+
+    Raises:
+        UserError: there is no such network, or the weights cannot be had or do not fit.
+    """
     from torchvision import models
 
     if name not in models.list_models(models):
@@ -39,27 +57,8 @@ def torchvision_backbone(
             "Use backbone.weights=null, or the path of a file of weights.",
         ) from None
     if weights not in (None, "imagenet"):
-        _load(network, Path(str(weights)))
-    _replace_last(network, num_classes)
-    if in_channels != 3:
-        _widen_first(network, in_channels)
+        load_weights(network, Path(str(weights)).expanduser())
     return network
-
-
-def _load(network: nn.Module, path: Path) -> None:
-    try:
-        if path.suffix == ".safetensors":
-            from safetensors.torch import load_file
-
-            state = load_file(path)
-        else:
-            state = torch.load(path, map_location="cpu", weights_only=True)
-        network.load_state_dict(state)
-    except Exception as error:
-        raise UserError(
-            f"backbone.weights={path} cannot be loaded: {str(error).splitlines()[0]}",
-            "Give a state dict of this network, as torchvision saves it.",
-        ) from None
 
 
 def _named_last(network: nn.Module, kind: type[nn.Module]) -> tuple[str, nn.Module]:
@@ -72,6 +71,11 @@ def _replace(network: nn.Module, name: str, module: nn.Module) -> None:
 
 
 def _replace_last(network: nn.Module, num_classes: int) -> None:
+    if not any(isinstance(module, nn.Linear) for module in network.modules()):
+        raise UserError(
+            f"backbone.name: {type(network).__name__} ends in no linear layer, which could give other classes",
+            "Choose another network, for example resnet18 or mobilenet_v3_small.",
+        )
     name, last = _named_last(network, nn.Linear)
     assert isinstance(last, nn.Linear)
     _replace(network, name, nn.Linear(last.in_features, num_classes))

@@ -1,10 +1,10 @@
 r"""Which images show the same place, which another, and which pairs had better be left out.
 
-For images i and j at :math:`p_i, p_j`, looking towards :math:`\theta_i, \theta_j`, with tolerances :math:`r_+ \le r_-`
+For images i and j at :math:`p_i, p_j`, looking towards :math:`\theta_i, \theta_j`, with tolerances :math:`r_+ < r_-`
 
 .. math::
     \text{positive:}\quad & \|p_i - p_j\| \le r_+ \;\wedge\; |\operatorname{wrap}(\theta_i - \theta_j)| \le a_+ \\
-    \text{negative:}\quad & \|p_i - p_j\| > r_- \\
+    \text{negative:}\quad & \|p_i - p_j\| \ge r_- \\
     \text{ignored:}\quad & \text{all others, and an image with itself}
 
 The ring between the tolerances is ignored because what is seen from there is partly the same. On rides that are aligned
@@ -13,6 +13,7 @@ each have their own origin, are negatives wherever they lie.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from jaxtyping import Bool, Float, Int, Real
@@ -88,35 +89,29 @@ class Places:
         return len(self.position)
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """How far apart one place ends and another begins, in metres or frames: the unit of the positions.
+class Tolerance(Protocol):
+    """How far apart one place ends and another begins, in the unit of the positions.
 
-    Args:
-        positive: largest distance within one place, at least 0.
-        negative: distance beyond which it is another place, at least ``positive``.
+    :class:`sextant.data.places.PlaceTolerance` is one, which knows its unit and refuses what has no meaning.
+
+    Attributes:
+        positive: largest distance within one place.
+        negative: smallest distance of two places, above ``positive``.
         heading_deg: largest difference of heading within one place; None does not look at it. Images of one spot that
-            look apart are ignored, unless ``apart_deg`` makes them negatives.
-        apart_deg: difference of heading beyond which two images show different places even from one spot; None: never.
-        across_conditions: only images under another condition are positives; those under the same one are ignored.
-
-    Raises:
-        ValueError: a tolerance is negative or not finite, or what must be the larger is the smaller.
+            look apart are ignored.
     """
 
-    positive: float
-    negative: float
-    heading_deg: float | None = None
-    apart_deg: float | None = None
-    across_conditions: bool = False
+    @property
+    def positive(self) -> float:
+        """See the class."""
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.positive <= self.negative < float("inf"):
-            raise ValueError(f"need 0 <= positive <= negative, got {self.positive} and {self.negative}")
-        if self.heading_deg is not None and not self.heading_deg >= 0:
-            raise ValueError(f"heading_deg must be at least 0, got {self.heading_deg}")
-        if self.apart_deg is not None and (self.heading_deg is None or not self.apart_deg >= self.heading_deg):
-            raise ValueError(f"apart_deg={self.apart_deg} must be at least heading_deg={self.heading_deg}")
+    @property
+    def negative(self) -> float:
+        """See the class."""
+
+    @property
+    def heading_deg(self) -> float | None:
+        """See the class."""
 
 
 def relations(
@@ -124,6 +119,8 @@ def relations(
     tolerance: Tolerance,
     rows: Int[Tensor, "m"] | None = None,
     columns: Int[Tensor, "n"] | None = None,
+    *,
+    across_conditions: bool = False,
 ) -> Relation:
     """Which pairs of images are positives and which negatives; see the module.
 
@@ -131,22 +128,20 @@ def relations(
         places: of all images.
         tolerance: in the unit of their positions.
         rows, columns: indices of images; all of them by default. The pair of an image with itself is neither.
+        across_conditions: only images under another condition are positives; those under the same one are ignored.
 
     Raises:
-        ValueError: the tolerance needs headings or conditions, and the places have none.
+        ValueError: headings or conditions are needed, and the places have none.
     """
     everything = torch.arange(len(places), device=places.position.device)
     rows, columns = (everything if chosen is None else chosen for chosen in (rows, columns))
     apart = distance(places.position[rows], places.position[columns])
-    positive, negative = apart <= tolerance.positive, apart > tolerance.negative
+    positive, negative = apart <= tolerance.positive, apart >= tolerance.negative
     if tolerance.heading_deg is not None:
         if places.heading is None:
             raise ValueError("heading_deg is set, but the places have no heading")
-        turn = heading_difference(places.heading[rows], places.heading[columns])
-        positive &= turn <= tolerance.heading_deg
-        if tolerance.apart_deg is not None:
-            negative |= turn > tolerance.apart_deg
-    if tolerance.across_conditions:
+        positive &= heading_difference(places.heading[rows], places.heading[columns]) <= tolerance.heading_deg
+    if across_conditions:
         if places.condition is None:
             raise ValueError("across_conditions is set, but the places have no condition")
         positive &= places.condition[rows][:, None] != places.condition[columns]

@@ -68,7 +68,8 @@ def match_sequences(
     if contrast_window is not None:
         similarities = local_contrast(similarities, contrast_window)
     scores = sequence_scores(similarities, length, velocities, centred=centred)
-    order = np.argsort(-scores, axis=1, kind="stable")[:, :k]
+    # of equal ones both take the first; sorting all for the best alone would cost more than the scores
+    order = scores.argmax(axis=1)[:, None] if k == 1 else np.argsort(-scores, axis=1, kind="stable")[:, :k]
     return SequenceMatches(np.take_along_axis(scores, order, axis=1), order)
 
 

@@ -1,6 +1,6 @@
 """The methods that a trained place descriptor is compared with, each as descriptors of the test images."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from sextant.baselines.paired_descriptor import PairedDescriptor
 from sextant.data.places import PlaceImages, PlaceTolerance
 
 Progress = Callable[[int, int], None]
-#: images described at a time by a network
+#: images read and described at a time
 BATCH = 256
 
 
@@ -66,16 +66,11 @@ def baselines(
     """
     reference = images.conditions[0]
     maps, queries = (images.images[images.rows_of(name)] for name in (reference, query))
-    seen = train.images[train.rows_of(reference if reference in train.conditions else train.conditions[0])]
-    found: dict[str, Described] = {}
-    left_out: dict[str, str] = {}
-    for name, method in training_free(*size).items():
-        try:
-            method.fit(seen)
-        except ValueError as error:  # fewer images than dimensions
-            left_out[name] = str(error)
-            continue
-        found[name] = Described(unit_norm(method.describe(maps)), unit_norm(method.describe(queries)))
+    methods, left_out = fitted(training_free(*size), train, reference)
+    found = {
+        name: Described(unit_norm(method.describe(maps)), unit_norm(method.describe(queries)))
+        for name, method in methods.items()
+    }
     if not {reference, query} <= set(train.conditions):
         reason = f"the training split lacks {reference} or {query}"
         return found, left_out | dict.fromkeys(pair_supervised(*size), reason)
@@ -88,6 +83,33 @@ def baselines(
             continue
         found[name] = Described(paired.describe(maps), paired.describe_query(queries))
     return found, left_out
+
+
+def fitted(
+    methods: Mapping[str, PlaceDescriptor], train: PlaceImages, reference: str
+) -> tuple[dict[str, PlaceDescriptor], dict[str, str]]:
+    """Methods that have learnt from the training images of the map's condition, or of the first one without it.
+
+    Returns:
+        Those that could, and of the others, why not.
+    """
+    seen = train.images[train.rows_of(reference if reference in train.conditions else train.conditions[0])]
+    found: dict[str, PlaceDescriptor] = {}
+    left_out: dict[str, str] = {}
+    for name, method in methods.items():
+        try:
+            found[name] = method.fit(seen)
+        except ValueError as error:  # fewer images than dimensions
+            left_out[name] = str(error)
+    return found, left_out
+
+
+def describe_all(methods: Mapping[str, PlaceDescriptor], images: PlaceImages) -> dict[str, Float32[ndarray, "n d"]]:
+    """Descriptors of all images by methods that describe images of any condition alike."""
+    return {
+        name: np.concatenate([method.describe(images.images[rows]) for rows in _batches(len(images))])
+        for name, method in methods.items()
+    }
 
 
 def training_pairs(
@@ -110,7 +132,11 @@ def network_descriptors(network: torch.nn.Module, images: PlaceImages) -> Float3
     """Descriptors of all images by a network in evaluation mode."""
     device = next(network.parameters()).device
     parts = []
-    for start in range(0, len(images), BATCH):
-        chosen = torch.from_numpy(images.images[start : start + BATCH]).permute(0, 3, 1, 2)
+    for rows in _batches(len(images)):
+        chosen = torch.from_numpy(images.images[rows]).permute(0, 3, 1, 2)
         parts.append(network(chosen.to(device).float() / 255).float().cpu().numpy())
     return np.concatenate(parts)
+
+
+def _batches(count: int) -> list[slice]:
+    return [slice(start, start + BATCH) for start in range(0, count, BATCH)]

@@ -15,7 +15,7 @@ from torch.optim import Optimizer
 from sextant.data.places import PlaceImages, PlaceTolerance
 from sextant.data.places.batches import PlaceBatch
 from sextant.data.places.datamodule import PlaceData
-from sextant.data.places.relation import batch_places, mining_tolerance, places_of
+from sextant.data.places.relation import batch_places, places_of
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.protocols import places_converged
 from sextant.evaluation.retrieval import chance_recall, recall
@@ -25,6 +25,7 @@ from sextant.models.place_net import PlaceNet
 from sextant.retrieval import CachedHardMining, Mining, NoMining, gathered, relations
 from sextant.retrieval.nearest import nearest_neighbours
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
+from sextant.tasks.place_whitening import Whitening, solve_projection
 from sextant.tasks.step_losses import StepLosses
 
 #: images of the training split that a pooling is prepared from
@@ -60,6 +61,7 @@ class PlaceRecognition(pl.LightningModule):
         optimizer: builds the optimiser from the parameters; None for a model that is only used.
         schedule: factor on the learning rate as a function of the share of epochs done.
         clip: largest norm of a gradient.
+        whitening: solves for the last layer when the last epoch is done; None keeps the one that was trained.
         log_every: steps between two logged training losses.
     """
 
@@ -76,12 +78,14 @@ class PlaceRecognition(pl.LightningModule):
         optimizer: OptimizerFactory | None = None,
         schedule: Schedule | None = None,
         clip: float = 1.0,
+        whitening: Whitening | None = None,
         log_every: int = 50,
     ):
         super().__init__()
         self.network, self.spec = network, spec
         self.loss, self.mining, self.seed = loss, mining, seed
         self.optimizer_factory, self.schedule, self.clip = optimizer, schedule, clip
+        self.whitening = whitening
         self.step_losses = StepLosses(log_every)
         self.result: PlaceResult | None = None
         self._mined: Tensor = torch.zeros(0, 3, dtype=torch.int64)
@@ -109,7 +113,7 @@ class PlaceRecognition(pl.LightningModule):
             descriptors = self(images)
         else:
             descriptors, tolerance = self(batch.images_in_unit_range()), self._data.tolerance
-            relation = relations(batch_places(batch, tolerance), mining_tolerance(tolerance))
+            relation = relations(batch_places(batch, tolerance), tolerance)
             every = isinstance(self.mining, NoMining)
             pairing = relation if every else self.mining(descriptors, relation, generator).triplets
         value, active = self.loss(descriptors, pairing)
@@ -123,7 +127,7 @@ class PlaceRecognition(pl.LightningModule):
         train, tolerance = self._data.split("train"), self._data.tolerance
         if batch_idx % mining.refresh == 0 or len(self._mined) == 0:
             cache = self._describe_training()
-            mined = mining(cache, places_of(train, tolerance), mining_tolerance(tolerance), generator)
+            mined = mining(cache, places_of(train, tolerance), tolerance, generator)
             self._mined = mined.triplets[torch.randperm(len(mined.triplets), generator=generator)]
         count = max(1, images // 3)
         chosen, self._mined = self._mined[:count], self._mined[count:]
@@ -144,8 +148,10 @@ class PlaceRecognition(pl.LightningModule):
         self._mined = self._mined[:0]
 
     def on_train_epoch_end(self) -> None:
-        """Look at the losses since the last logged one, so that no epoch ends unseen."""
+        """Look at the losses since the last logged one, so that no epoch ends unseen; whiten after the last."""
         self._log_training_loss(self.step_losses.flush())
+        if self.whitening is not None and self.trainer.current_epoch + 1 == self.trainer.max_epochs:
+            solve_projection(self.network, self._data.split("train"), self._data.tolerance, self.whitening)
 
     def _log_training_loss(self, loss: float | None, active: float | None = None) -> None:
         if loss is None or self.logger is None:

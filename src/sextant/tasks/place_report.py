@@ -10,11 +10,12 @@ from numpy import ndarray
 
 from sextant.baselines.descriptor import unit_norm
 from sextant.data.places import PlaceImages, PlaceTolerance
-from sextant.evaluation.condition_recall import condition_recall
+from sextant.evaluation.condition_recall import ConditionRecall
 from sextant.evaluation.place_posterior import PlacePosterior, fit_temperature, place_posterior
 from sextant.evaluation.positives import Positives
 from sextant.evaluation.precision_recall import PrecisionRecall, best_match_curve
 from sextant.evaluation.retrieval import RANKS, Recall, RetrievalProtocol, recall
+from sextant.evaluation.single_image_ceiling import picture_runs, single_image_ceiling, standstill
 from sextant.retrieval.nearest import Neighbours
 from sextant.retrieval.sequence_matching import match_sequences
 from sextant.tasks.place_methods import Described, Progress, baselines
@@ -58,6 +59,8 @@ class QueryReport:
         protocol: what its figures mean.
         positives: of each query among the map.
         flat: queries without content, such as tunnels.
+        stopped: queries whose picture is that of the frame before or after, as at a stop.
+        ceiling: recall@1 that a descriptor of single images can expect if equal pictures are all that it confuses.
         methods: results by name, the network last.
         left_out: baselines that could not learn from the training split, with the reason.
     """
@@ -65,8 +68,21 @@ class QueryReport:
     protocol: RetrievalProtocol
     positives: Positives
     flat: Bool[ndarray, "m"]
+    stopped: Bool[ndarray, "m"]
+    ceiling: float
     methods: dict[str, MethodResult]
     left_out: dict[str, str]
+
+    @property
+    def moving(self) -> Bool[ndarray, "m"]:
+        """Queries that can be told from their neighbours: neither flat nor stopped."""
+        return np.asarray(~(self.flat | self.stopped))
+
+
+def protocol_of(tolerance: PlaceTolerance, query: str = "", reference: str = "") -> RetrievalProtocol:
+    """What figures within a tolerance mean."""
+    unit = "f" if tolerance.unit == "frames" else "m"
+    return RetrievalProtocol(tolerance.positive, unit, query, reference, heading_deg=tolerance.heading_deg)
 
 
 def compare(
@@ -99,22 +115,38 @@ def compare(
         found, left_out = ({}, {}) if train is None else baselines(train, places, condition, tolerance, size=size)
         ours = {name: Described(unit_norm(d[reference]), unit_norm(d[query])) for name, d in descriptors.items()}
         methods = {name: _result(each, positives, sequence_length) for name, each in (found | ours).items()}
-        unit = "f" if tolerance.unit == "frames" else "m"
-        protocol = RetrievalProtocol(
-            tolerance.positive, unit, condition, reference_condition, heading_deg=tolerance.heading_deg
-        )
-        reports.append(QueryReport(protocol, positives, places.flat[query], methods, left_out))
+        still = places.still[query]
+        ceiling = single_image_ceiling(positives, picture_runs(still), picture_runs(places.still[reference]))
+        protocol = protocol_of(tolerance, condition, reference_condition)
+        flat, stopped = places.flat[query], standstill(still)
+        reports.append(QueryReport(protocol, positives, flat, stopped, ceiling, methods, left_out))
         progress(number + 1, len(queries))
     return reports
 
 
-def temperature(descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance) -> float:
-    """The temperature of the posterior that fits the other traverses of a split to its first."""
+def temperature(
+    descriptors: Float32[ndarray, "n d"],
+    places: PlaceImages,
+    tolerance: PlaceTolerance,
+    elsewhere: Float32[ndarray, "m d"] | None = None,
+) -> float:
+    """The temperature of the posterior that fits the other traverses of a split to its first.
+
+    Args:
+        descriptors: of all images of the split.
+        places: the images.
+        tolerance: of one place.
+        elsewhere: descriptors of other places, which enlarge the map. In a map of some dozens of places every query may
+            be right, and nothing would keep the temperature from zero.
+    """
     reference = places.rows_of(places.conditions[0])
     query = np.concatenate([places.rows_of(name) for name in places.conditions[1:]])
-    positives = Positives.from_sparse(places.positives(query, reference, tolerance))
-    unit = unit_norm(descriptors)
-    return fit_temperature(unit[query] @ unit[reference].T, positives)
+    found, unit = places.positives(query, reference, tolerance), unit_norm(descriptors)
+    similarities = unit[query] @ unit[reference].T
+    if elsewhere is not None:
+        similarities = np.hstack([similarities, unit[query] @ unit_norm(elsewhere).T])
+        found.resize((len(query), similarities.shape[1]))
+    return fit_temperature(similarities, Positives.from_sparse(found))
 
 
 def _result(described: Described, positives: Positives, length: int) -> MethodResult:
@@ -148,7 +180,19 @@ def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior]) -> dic
         found[report.protocol.name("R@1_sequence")] = float(ours.sequence_hit.mean())
         if report.flat.any() and not report.flat.all():
             found[report.protocol.name("R@1_not_flat")] = float(ours.hit[~report.flat].mean())
-    return {f"test/{name.replace('@', '_at_')}": value for name, value in found.items() if value == value}
+        if report.moving.any() and not report.moving.all():
+            found[report.protocol.name("R@1_moving")] = float(ours.hit[report.moving].mean())
+    return {logged_name(name): value for name, value in found.items() if value == value}
+
+
+def logged_name(metric: str) -> str:
+    """The name of a figure of the test where it is logged; MLflow allows neither @ nor =."""
+    return f"test/{metric.replace('@', '_at_').replace('=', '_')}"
+
+
+def ceilings(reports: list[QueryReport]) -> dict[str, float]:
+    """The ceiling of single images under the name of the figure that it bounds."""
+    return {report.protocol.name("R@1"): report.ceiling for report in reports}
 
 
 def posteriors_of(reports: list[QueryReport], temperature: float) -> list[PlacePosterior]:
@@ -160,14 +204,14 @@ def posteriors_of(reports: list[QueryReport], temperature: float) -> list[PlaceP
 
 
 def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
-    """Of every query whether each method finds its place, ``R@1_.../<method>``, and whether it is flat."""
+    """Of every query whether each method finds its place, ``R@1_.../<method>``, and whether it is flat or stopped."""
     kept: dict[str, ndarray] = {}
     for report in reports:
         name = report.protocol.name("R@1")
         kept |= {f"{name}/{method}": result.hit for method, result in report.methods.items()}
         sequence = report.protocol.name("R@1_sequence")
         kept |= {f"{sequence}/{method}": result.sequence_hit for method, result in report.methods.items()}
-        kept[f"{report.protocol.name('flat')}"] = report.flat
+        kept |= {report.protocol.name("flat"): report.flat, report.protocol.name("stopped"): report.stopped}
     return kept
 
 
@@ -176,29 +220,32 @@ def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, st
     rows = []
     for report in reports:
         for method, result in report.methods.items():
-            kept = ~report.flat
             row = {
                 "query": report.protocol.query,
                 "method": method,
                 "dim": str(result.described.reference.shape[1]),
-                "R@1": _percent(result.recall.over_all[1]),
-                "R@1 not flat": _percent(float(result.hit[kept].mean()) if kept.any() else float("nan")),
-                "R@5": _percent(result.recall.over_all.get(5, float("nan"))),
+                "R@1": percent(result.recall.over_all[1]),
+                "R@1 not flat": percent(_mean(result.hit[~report.flat])),
+                "R@1 moving": percent(_mean(result.hit[report.moving])),
+                "R@5": percent(result.recall.over_all.get(5, float("nan"))),
                 "AUC": f"{result.curve.auc:.3f}",
-                "R@100P": _percent(result.curve.recall_at_precision(1)),
-                f"R@1 seq {sequence_length}": _percent(float(result.sequence_hit.mean())),
+                "R@100P": percent(result.curve.recall_at_precision(1)),
+                f"R@1 seq {sequence_length}": percent(float(result.sequence_hit.mean())),
             }
             rows.append(row)
     return rows
 
 
-def _percent(share: float) -> str:
+def _mean(hit: Bool[ndarray, "k"]) -> float:
+    return float(hit.mean()) if len(hit) else float("nan")
+
+
+def percent(share: float) -> str:
+    """A share for a table; a dash for nan."""
     return "–" if share != share else f"{100 * share:.1f}"
 
 
-def figures(
-    reports: list[QueryReport], descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
-) -> "Iterator[tuple[str, Figure]]":
+def figures(reports: list[QueryReport], places: PlaceImages, pairs: ConditionRecall) -> "Iterator[tuple[str, Figure]]":
     """Curves, similarity matrix and gallery of each condition, and recall between all pairs of conditions."""
     from sextant.figures.condition_confusion import condition_confusion
     from sextant.figures.precision_recall import precision_recall_curves
@@ -224,12 +271,7 @@ def figures(
         )
         rows = _gallery_rows(report, places, places.rows_of(condition), reference)
         yield f"gallery_{condition}", retrieval_gallery(rows, title)
-    every = np.arange(len(places))
-    positives = Positives.from_sparse(places.positives(every, every, tolerance))
-    yield (
-        "condition_confusion",
-        condition_confusion(condition_recall(descriptors, places.traverse, positives, places.conditions)),
-    )
+    yield "condition_confusion", condition_confusion(pairs)
 
 
 def _gallery_rows(

@@ -151,6 +151,15 @@ def test_zero_strengths_change_nothing():
     assert torch.equal(PlaceAugmentation(0, 0, 0)(noise(), np.arange(5), 3), noise())
 
 
+def test_every_other_epoch_is_mirrored():
+    places = aligned_places(12, 2)
+    plain, mirrored = (PlaceBatchImages(places, PlaceAugmentation(0, 0, 0, mirror)) for mirror in (False, True))
+    for epoch in range(4):
+        numbers = [3 + epoch * len(places), 20 + epoch * len(places)]
+        expected = plain[numbers].images
+        assert torch.equal(mirrored[numbers].images, expected.flip(-1) if epoch % 2 else expected)
+
+
 def test_what_an_image_gets_is_a_function_of_its_number():
     change = PlaceAugmentation()
     whole = change(noise(), np.arange(5), 3)

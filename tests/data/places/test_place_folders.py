@@ -154,6 +154,30 @@ def test_a_missing_table_is_told(folder):
         folders(folder, places="csv").read("test")
 
 
+@pytest.mark.parametrize("csv", ["poses.csv", "all.csv"])
+def test_folders_and_files_may_be_links(folder, tmp_path, csv):
+    elsewhere = (folder / "query").rename(tmp_path / "elsewhere")
+    (folder / "query").symlink_to(elsewhere)
+    target = (elsewhere / "b1.png").rename(tmp_path / "far.png")
+    (elsewhere / "b1.png").symlink_to(target)
+    rows = {name: [f"{p.name},{k},0,0" for k, p in enumerate((folder / name).iterdir())] for name in TEST}
+    if csv == "all.csv":
+        around = [f"{name}/{row}" for name, own in rows.items() for row in own]
+        (folder / csv).write_text("\n".join(["file,x,y,heading", *around]))
+    else:
+        for name, own in rows.items():
+            table(folder, name, own)
+    images = folders(folder, places="csv", csv=csv).read("test")
+    expected = {row.split(",")[0]: float(row.split(",")[1]) for own in rows.values() for row in own}
+    assert {name.split("/")[1]: x for name, x in zip(images.names, images.position_m[:, 0], strict=True)} == expected
+
+
+def test_an_open_quotation_mark_is_told(tmp_path):
+    (tmp_path / "poses.csv").write_text('file,x,y\n"a.png,0,0\n' + 20_000 * "b.png,0,0\n")
+    with pytest.raises(UserError, match=r"poses.csv: line \d+ cannot be read: .*\nIs a quotation mark open above"):
+        read_pose_table(tmp_path / "poses.csv")
+
+
 def test_a_table_that_is_no_text_is_told(tmp_path):
     (tmp_path / "poses.csv").write_bytes(b"\xff\xfe\x00file")
     with pytest.raises(UserError, match="cannot be read as a table"):
@@ -173,6 +197,7 @@ def test_a_table_that_is_no_text_is_told(tmp_path):
         ("@334000.00@9999990.00@32@M@@@@@@.jpg", Pose(32334000, -10, None)),
         ("@334000.00@10.00@32@N@@@@@@.jpg", Pose(32334000, 10, None)),
         ("image.jpg", None), ("@.jpg", None), ("@1@.jpg", None), ("@a@2@.jpg", None), ("@nan@2@.jpg", None),
+        ("@1@2@32@south@@@@@@.jpg", None),
         ("x@1@2@.jpg", None), ("@1@2@x@@@@@@@.jpg", None), ("@1@2@@@@@@@north@.jpg", None),
     ],
 )  # fmt: skip
@@ -189,7 +214,9 @@ def test_utm_folders(tmp_path):
     write_pictures(tmp_path / "reference", [f"@{x}@100@10@S@@@@@{h}@@@@@@.png" for x, h in ((0, 0), (30, 90))])
     write_pictures(tmp_path / "query", ["@4@103@10@S@@@@@@@@@@@.png"], first=5)
     images = folders(tmp_path, places="utm").read("test")
-    assert images.heading_deg is None  # the query has none
+    assert np.array_equal(images.heading_deg, [0, 90, np.nan], equal_nan=True)  # the query has none
+    with pytest.raises(UserError, match="headings of these images are not known"):
+        images.positives(np.array([2]), np.array([0, 1]), PlaceTolerance("m", 5, 25, 30))
     found = images.positives(np.array([2]), np.array([0, 1]), PlaceTolerance("m", 5, 25))
     assert found.toarray().tolist() == [[True, False]]
     write_pictures(tmp_path / "query", ["late.png"], first=6)
@@ -237,8 +264,10 @@ def test_one_folder_cannot_be_two(folder):
         folders(folder, places="order", test={"a": "query", "b": "./query"}).files("test")
     with pytest.raises(UserError, match="have the same files"):
         folders(folder, places="order", test={"a": "query", "b": "."}).files("test")
-    with pytest.raises(UserError, match=r"dataset.test and dataset.train.x both have query"):
+    with pytest.raises(UserError, match=r"dataset.test.query=query and dataset.train.x=query have files in common"):
         folders(folder, places="order", train={"x": "query"}).files("test")
+    with pytest.raises(UserError, match=r"dataset.train.x=. have files in common"):
+        folders(folder, places="order", train={"x": "."}).files("test")
 
 
 def test_duplicate_files_are_named_or_allowed(folder):

@@ -52,13 +52,13 @@ class Family(ABC):
     Attributes:
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
         sweep_example: arguments of ``train.py -m`` that a user may want next.
-        predicts: whether ``predict.py`` can use its models.
+        prediction_example: arguments of ``predict.py`` that say what to predict.
         test_settings: keys of ``task`` that say how is tested, and may change after training.
     """
 
     evaluation_example: ClassVar[str]
     sweep_example: ClassVar[str]
-    predicts: ClassVar[bool] = True
+    prediction_example: ClassVar[str] = "input=<folder>"
     test_settings: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod

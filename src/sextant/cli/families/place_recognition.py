@@ -2,16 +2,21 @@
 
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.cli.assemble import build, build_dataset, build_training, part_name
 from sextant.cli.families.family import Family, Source, TestRecord
+from sextant.cli.off_the_shelf import off_the_shelf, weights_identity
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.schema import PlaceRecognitionTask
+from sextant.config.schema.world_datasets import TownFactors
+from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
+    from sextant.baselines.network_layer import NetworkLayer
     from sextant.data.places import PlaceSource
     from sextant.data.places.datamodule import PlaceData
     from sextant.tasks.place_recognition import PlaceRecognition
@@ -26,8 +31,8 @@ class PlaceRecognitionFamily(Family):
 
     evaluation_example = "dataset=nordland"
     sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
-    predicts = False
-    test_settings = ("baselines", "sequence_length", "test_tolerance")
+    prediction_example = "map=<folder> queries=<folder>"
+    test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "PlaceSource":
         """The dataset as a source of places."""
@@ -38,6 +43,10 @@ class PlaceRecognitionFamily(Family):
         if world is not None:
             world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
         task = _task(config)
+        if task.off_the_shelf is not None:
+            weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # a file that is missing is told at once
+        if isinstance(config.dataset, TownFactors):  # its conditions are all of the test
+            return source
         if task.train_conditions is None and task.test_conditions is None:
             return source
         train, test = (None if c is None else tuple(c) for c in (task.train_conditions, task.test_conditions))
@@ -45,6 +54,7 @@ class PlaceRecognitionFamily(Family):
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
+        _can_train_on(source)
         for split in ("train", "val", "test"):
             source.files(split)
 
@@ -71,8 +81,14 @@ class PlaceRecognitionFamily(Family):
         )
 
     def spec(self, raw: Mapping[str, Any], config: Config, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
-        """Shape of the images."""
-        data.setup("validate")
+        """Shape of the images; reads all splits, so that a mistake in any of them is told before training."""
+        _can_train_on(source)
+        data.check()
+        task = _task(config)
+        if task.whitening is not None:
+            from sextant.tasks.place_whitening import require_enough
+
+            require_enough(data.split("train"), data.tolerance, task.dimension)
         _, height, width, channels = data.split("val").images.shape
         return {"channels": channels, "height": height, "width": width}
 
@@ -80,6 +96,7 @@ class PlaceRecognitionFamily(Family):
         """The module of place recognition."""
         from sextant.models import FeatureMap, PlaceNet
         from sextant.tasks.place_recognition import PlaceRecognition, PlaceSpec
+        from sextant.tasks.place_whitening import Whitening
 
         if raw["corruption"].get("corruptions"):
             raise UserError(
@@ -106,11 +123,21 @@ class PlaceRecognitionFamily(Family):
             build(raw, "mining"),
             seed=raw["seed"],
             clip=task["clip"],
+            whitening=None if task["whitening"] is None else Whitening(**task["whitening"]),
             **build_training(raw, training),
         )
 
     def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: "PlaceSource") -> None:
-        """Raise a ``UserError`` unless the images have the shape of training; reads the validation split."""
+        """Raise a ``UserError`` unless the images have the shape of training, and all splits are there that are needed.
+
+        The temperature of the posterior is fitted on the validation split, and baselines learn from the training split.
+        """
+        source.files("val")
+        if raw["task"]["baselines"]:
+            try:
+                source.files("train")
+            except MissingDataError as error:
+                raise UserError(error.problem, f"{error.fix}, or leave baselines out: task.baselines=false") from None
         _, height, width, channels = source.read("test").images.shape
         if (channels, height, width) != (spec["channels"], spec["height"], spec["width"]):
             raise UserError(
@@ -123,20 +150,29 @@ class PlaceRecognitionFamily(Family):
         """The network beside training-free and linear descriptors: table, hits by query, figures."""
         from sextant.models import network_cost
         from sextant.tasks import place_report as report
-        from sextant.tasks.place_methods import network_descriptors
+        from sextant.tasks.condition_pairs import condition_pairs, pair_arrays, pair_metrics
+        from sextant.tasks.place_invariance import has_factors
+        from sextant.tasks.place_methods import describe_all, network_descriptors
+        from sextant.tasks.place_methods import fitted as learnt
 
         assert module.result is not None
         task, result = _task(config), module.result
+        if has_factors(result.places.conditions):
+            return _factors_record(config, module, data)
         network, own = module.network.eval(), result.descriptors
         data.setup("validate")
         train = None
         if task.baselines:
             data.setup("fit")
             train = data.split("train")
-        described = {"untrained network": _untrained(config, module, result.places), report.NETWORK: own}
+        described, shelf_left_out = {report.NETWORK: own}, dict[str, str]()
+        if train is not None:
+            shelf, shelf_left_out = learnt(_shelf(config, module), train, result.places.conditions[0])
+            untrained = {"untrained network": _untrained(config, module, result.places)}
+            described = describe_all(shelf, result.places) | untrained | described
         with work_progress("comparing descriptors", "conditions") as progress:
             found = report.compare(
-                described if task.baselines else {report.NETWORK: own},
+                described,
                 result.places,
                 train,
                 data.test_tolerance,
@@ -144,14 +180,17 @@ class PlaceRecognitionFamily(Family):
                 size=BASELINE_SIZE,
                 progress=progress,
             )
-        val = data.split("val")
-        fitted = report.temperature(network_descriptors(network, val), val, data.test_tolerance)
+        val, elsewhere = data.split("val"), None
+        if train is not None:
+            elsewhere = network_descriptors(network, train.select(train.rows_of(train.conditions[0])))
+        fitted = report.temperature(network_descriptors(network, val), val, data.test_tolerance, elsewhere)
         spec = module.spec
         cost = network_cost(network, (spec.height, spec.width), spec.channels)
+        pairs = condition_pairs(own, result.places, data.test_tolerance)
         return TestRecord(
-            report.arrays(found),
-            report.figures(found, own, result.places, data.test_tolerance),
-            report.metrics(found, report.posteriors_of(found, fitted)),
+            report.arrays(found) | pair_arrays(pairs, data.test_tolerance),
+            report.figures(found, result.places, pairs),
+            report.metrics(found, report.posteriors_of(found, fitted)) | pair_metrics(pairs, data.test_tolerance),
             report.table(found, task.sequence_length),
             facts={
                 "cost": {
@@ -159,10 +198,67 @@ class PlaceRecognitionFamily(Family):
                     "pull_multiplications": cost.pull_macs,
                     "descriptor_bytes": 4 * own.shape[1],
                 },
-                "skipped": list(result.places.skipped),
-                "baselines_left_out": {each.protocol.query: each.left_out for each in found},
+                "skipped": {split: list(images.skipped) for split, images in data.splits.items()},
+                "ceiling": report.ceilings(found),
+                "baselines_left_out": {each.protocol.query: each.left_out | shelf_left_out for each in found},
             },
         )
+
+
+def _can_train_on(source: Source) -> None:
+    if source.name == "town_factors":
+        raise UserError(
+            "dataset=town_factors is for tests: there is but one condition to train on, and no validation split",
+            "python evaluate.py run=<run> dataset=town_factors",
+        )
+
+
+def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData") -> TestRecord:
+    """Recall of the network and of descriptors that learn from no pair, against one factor of appearance at a time."""
+    from sextant.tasks import place_invariance as curves
+    from sextant.tasks import place_report as report
+    from sextant.tasks.place_methods import describe_all, fitted, training_free
+
+    assert module.result is not None
+    task, places = _task(config), module.result.places
+    described, left_out = {report.NETWORK: module.result.descriptors}, dict[str, str]()
+    if task.baselines:
+        train = data.source.read("train")
+        methods, left_out = fitted(training_free(*BASELINE_SIZE) | _shelf(config, module), train, places.conditions[0])
+        untrained = {"untrained network": _untrained(config, module, places)}
+        described = describe_all(methods, places) | untrained | described
+    with work_progress("comparing descriptors", "conditions") as progress:
+        found = report.compare(
+            described,
+            places,
+            None,
+            data.test_tolerance,
+            sequence_length=task.sequence_length,
+            size=BASELINE_SIZE,
+            progress=progress,
+        )
+    invariance = curves.invariance(found)
+    return TestRecord(
+        report.arrays(found),
+        iter([("invariance_curves", curves.invariance_figure(invariance))]),
+        curves.invariance_metrics(found),
+        curves.invariance_table(invariance),
+        facts={
+            "invariance": curves.invariance_facts(invariance),
+            "skipped": {"test": list(places.skipped)},
+            "baselines_left_out": left_out,
+        },
+    )
+
+
+def _shelf(config: Config, module: "PlaceRecognition") -> "dict[str, NetworkLayer]":
+    """The layer of a network trained for something else that the config names, by its name in the table; or none."""
+    shelf = _task(config).off_the_shelf
+    if shelf is None:
+        return {}
+    name, layer = off_the_shelf(shelf, (module.spec.height, module.spec.width), Path(config.paths.outputs))
+    layer.features.to(module.device)
+    return {name: layer}
 
 
 def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:

@@ -8,7 +8,7 @@ from sextant.config.schema.image_datasets import CIFAR10, MNIST, Digits, Fashion
 from sextant.config.schema.panorama_datasets import PanoramaFolder, PanoramaMix, TownPanoramas
 from sextant.config.schema.parts import CustomPart, choose_part
 from sextant.config.schema.place_datasets import Nordland, PlaceFolders
-from sextant.config.schema.world_datasets import OfficeWalk, TownCity, TownSeasons
+from sextant.config.schema.world_datasets import OfficeWalk, TownCity, TownFactors, TownSeasons
 
 Dataset = Annotated[
     Annotated[Digits, Tag("sextant.data.digits.Digits")]
@@ -20,6 +20,7 @@ Dataset = Annotated[
     | Annotated[PanoramaFolder, Tag("sextant.data.calibration.PanoramaFolder")]
     | Annotated[PanoramaMix, Tag("sextant.data.calibration.PanoramaMix")]
     | Annotated[TownSeasons, Tag("sextant.data.worlds.TownSeasons")]
+    | Annotated[TownFactors, Tag("sextant.data.worlds.TownFactors")]
     | Annotated[TownCity, Tag("sextant.data.worlds.TownCity")]
     | Annotated[OfficeWalk, Tag("sextant.data.worlds.OfficeWalk")]
     | Annotated[Nordland, Tag("sextant.data.places.Nordland")]
@@ -35,6 +36,7 @@ Dataset = Annotated[
         PanoramaFolder,
         PanoramaMix,
         TownSeasons,
+        TownFactors,
         TownCity,
         OfficeWalk,
         Nordland,

@@ -2,9 +2,10 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, Tag, ValidationInfo, field_validator, model_validator
 
 from sextant.config.schema.parts import Count, CustomPart, Node, NonNegative, Part, Positive, choose_part
+from sextant.config.schema.splits import ImageSide
 
 
 class Average(Part):
@@ -168,11 +169,13 @@ class Tolerance(Node):
     negative: Positive = Field(examples=[25.0])
     heading_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(examples=[40.0])
 
-    @model_validator(mode="after")
-    def _a_ring_between(self) -> Self:
-        if self.positive >= self.negative:
-            raise ValueError(f"positive={self.positive:g} must be below negative={self.negative:g}")
-        return self
+    @field_validator("negative")
+    @classmethod
+    def _a_ring_between(cls, negative: float, given: ValidationInfo) -> float:
+        positive = given.data.get("positive")
+        if positive is not None and positive >= negative:
+            raise ValueError(f"positive={positive:g} must be below negative={negative:g}")
+        return negative
 
 
 class ToleranceByUnit(Node):
@@ -182,9 +185,36 @@ class ToleranceByUnit(Node):
     frames: Tolerance
 
 
+class Whitening(Node):
+    """How the last layer is solved for when training is done."""
+
+    components: Count = Field(examples=[256])
+    shrinkage: Positive = Field(examples=[1.0])
+
+
 class PlaceAugmentation(Node):
     """How much training images are changed."""
 
     brightness: NonNegative = Field(examples=[0.3])
     contrast: NonNegative = Field(examples=[0.3])
     shift: float = Field(ge=0, lt=0.5, examples=[0.05])
+    mirror: bool
+
+
+class OffTheShelf(Node):
+    """A layer of a network that was trained for something else."""
+
+    weights: str = Field(min_length=1, examples=["alexnet.pth"])
+    network: str | None = Field(default=None, examples=["alexnet"])
+    layer: str | None = Field(default=None, examples=["features.7"])
+    grid: list[Count] = Field(default=[4, 8], min_length=2, max_length=2, examples=["[4,8]"])
+    dimension: int | None = Field(default=None, ge=1, le=65536, examples=[128])
+    size: list[ImageSide] | None = Field(default=None, min_length=2, max_length=2, examples=["[224,224]"])
+
+    @model_validator(mode="after")
+    def _whose_weights(self) -> Self:
+        if self.network is None and self.weights == "imagenet":
+            raise ValueError(
+                "task.off_the_shelf.weights=imagenet: of which network? For example network: alexnet, layer: features.7"
+            )
+        return self

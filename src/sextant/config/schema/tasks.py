@@ -1,11 +1,11 @@
 """The families of method."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import Count, Node, Positive, Seed, Share
-from sextant.config.schema.places import PlaceAugmentation, ToleranceByUnit
+from sextant.config.schema.places import OffTheShelf, PlaceAugmentation, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
 
 
@@ -50,9 +50,19 @@ class PlaceRecognitionTask(Node):
     shared_conditions: list[str] = Field(examples=["[summer_noon]"])
     augmentation: PlaceAugmentation
     clip: Positive = Field(examples=[1.0])
+    whitening: Whitening | None
     sequence_length: Count = Field(examples=[10])
     baselines: bool
+    off_the_shelf: OffTheShelf | None = None
     test_checkpoint: Literal["last", "best"]
+
+    @model_validator(mode="after")
+    def _whitened_last(self) -> Self:
+        if self.whitening is not None and self.test_checkpoint == "best":
+            raise ValueError(
+                "whitening is solved for after the last epoch: test_checkpoint=best needs task.whitening=null"
+            )
+        return self
 
 
 Task = Annotated[ClassificationTask | CalibrationTask | PlaceRecognitionTask, Field(discriminator="name")]

@@ -26,6 +26,36 @@ class TownSeasons(Part):
     seed: Seed = Field(examples=[0])
 
 
+class TestedPlaces(Node):
+    """Places of the training and of the test town."""
+
+    train: Count = Field(examples=[300])
+    test: Count = Field(examples=[100])
+
+
+class TownFactors(Part):
+    """One drive under appearances that differ in one factor."""
+
+    target: Literal["sextant.data.worlds.TownFactors"] = Field(alias="_target_")
+    frames: BySplit
+    places: TestedPlaces
+    step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
+    lateral_sigma_m: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.3])
+    heading_sigma_deg: Annotated[float, Field(ge=0, le=20)] = Field(examples=[2.0])
+    width: ImageSide = Field(examples=[96])
+    height: ImageSide = Field(examples=[64])
+    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
+    samples: Samples = Field(examples=[4])
+    base: str = Field(examples=["summer_noon"])
+    factors: dict[str, Annotated[list[float], Field(min_length=1)]] = Field(
+        min_length=1, examples=["{fog_per_m: [0.01,0.04]}"]
+    )
+    only: list[str] | None = Field(min_length=1, examples=["[fog_per_m,snow]"])
+    block_m: BlockSide = Field(examples=[90.0])
+    trajectories: FileBySplit
+    seed: Seed = Field(examples=[0])
+
+
 class TownCity(Part):
     """A city seen from everywhere."""
 

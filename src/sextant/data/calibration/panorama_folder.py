@@ -15,8 +15,9 @@ from numpy import ndarray
 
 from sextant.atomic_files import write_atomically
 from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
-from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split, telling_every
+from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
 from sextant.data.rendered.disk import telling_disk_errors
+from sextant.data.rendered.progress import telling_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import UserError
 

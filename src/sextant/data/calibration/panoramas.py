@@ -2,10 +2,7 @@
 
 import hashlib
 import json
-import os
-import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
@@ -15,17 +12,14 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from sextant.data.calibration.pyramids import Kept, halved, padded
-from sextant.data.rendered.lock import tell_stderr
+from sextant.data.rendered import RenderedSource
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
-    from sextant.data.worlds.towns import TownPanoramas
-
 Split = Literal["train", "val", "test"]
-Showing = Callable[[], AbstractContextManager[Callable[[int, int], None]]]
 SPLITS: tuple[Split, ...] = get_args(Split)
 #: bytes of resized panoramas that are kept in memory
 KEPT_BYTES = 2 * 2**30
@@ -81,19 +75,6 @@ class Panoramas:
         return image
 
 
-def telling_every(seconds: float, what: str) -> Callable[[int, int], None]:
-    """A function that prints how far the work is to the standard error, every so often."""
-    told = time.monotonic()
-
-    def tell(done: int, total: int) -> None:
-        nonlocal told
-        if time.monotonic() - told > seconds:
-            told = time.monotonic()
-            tell_stderr(f"{what}: {done:,}/{total:,} images")
-
-    return tell
-
-
 def _bytes(array: "ndarray | Tensor") -> int:
     return int(array.nbytes)
 
@@ -126,48 +107,14 @@ class PanoramaSource(Protocol):
         """
 
 
-class TownPanoramaSource:
-    """The rendered panoramas of :class:`~sextant.data.worlds.TownPanoramas`; rendered when they are first read.
-
-    Args:
-        dataset: what to render, and where it is kept.
-        threads: that render; None for one a core.
-
-    Attributes:
-        showing: makes a context with a function that is called with the number of panoramas on disk and of all while
-            they are rendered; a line on the standard error every few seconds unless it is replaced.
-    """
-
-    def __init__(self, dataset: "TownPanoramas", threads: int | None = None):
-        self.dataset, self.threads = dataset, threads or os.cpu_count() or 1
-        self.name = dataset.name
-        self.showing: Showing = lambda: nullcontext(telling_every(5.0, f"rendering {dataset.name}"))
-
-    def files(self, split: Split) -> list[Path]:
-        """None: what is missing is rendered."""
-        return []
-
-    def fingerprint(self) -> str:
-        """Hash of the config and of the source that renders it."""
-        return self.dataset.plan().digest
+class TownPanoramaSource(RenderedSource):
+    """The rendered panoramas of :class:`~sextant.data.worlds.TownPanoramas`."""
 
     def read(self, split: Split) -> Panoramas:
         """The panoramas of a split, in a map of the file they lie in."""
-        from sextant.data.rendered import open_store
-        from sextant.data.rendered.layout import StoreLayout
-
-        plan = self.dataset.plan()
-        store = open_store(plan, self.dataset.cache)
-        if not store.complete:
-            with self.showing() as progress:
-                store.fill(progress, self.threads)
-        rows = np.flatnonzero(store.columns["split"] == plan.splits.index(split))
-        if not len(rows):
-            raise UserError(f"dataset={self.name} has no {split} panoramas", f"dataset.images.{split}=16")
-        scene = store.columns["scene"][rows]
-        names = [f"town_{scene[k]:02d}__{row:05d}" for k, row in enumerate(rows)]
-        images = np.load(StoreLayout(store.directory).array("images"), mmap_mode="r", allow_pickle=False)
-        return Panoramas(images, names, rows)
+        found = self.read_split(split, f"dataset.images.{split}=16")
+        towns = zip(found.columns["scene"], found.rows, strict=True)
+        return Panoramas(found.images, [f"town_{town:02d}__{row:05d}" for town, row in towns], found.rows)
 
 
 class PanoramaMix:

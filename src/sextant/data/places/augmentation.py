@@ -6,7 +6,8 @@ An image with values x in [0, 1] and the mean μ becomes
 
 moved by a shift s of whole pixels, evenly from the disc of radius ``shift`` times the image's height (its border is
 repeated), with contrast :math:`\log c` and brightness :math:`\log b` evenly in :math:`\pm` ``contrast`` and
-:math:`\pm` ``brightness``. Never mirrored: a street in the mirror is another place.
+:math:`\pm` ``brightness``. A street in the mirror is another place: ``mirror`` shows the places of every other epoch as
+their mirror images, which doubles them.
 
 What an image gets is a function of (seed, number of the image) alone, whatever the batch it is in.
 """
@@ -30,11 +31,13 @@ class PlaceAugmentation:
         brightness: largest logarithm of the factor on the mean.
         contrast: largest logarithm of the factor on what differs from the mean.
         shift: largest shift as a share of the height.
+        mirror: mirror every image of epochs 1, 3, 5, ...; done where the epoch is known, by ``PlaceBatchImages``.
     """
 
     brightness: float = 0.3
     contrast: float = 0.3
     shift: float = 0.05
+    mirror: bool = False
 
     def __post_init__(self) -> None:
         if min(self.brightness, self.contrast, self.shift) < 0 or self.shift >= 0.5:

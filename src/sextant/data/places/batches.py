@@ -79,6 +79,9 @@ class PlaceBatchImages(Dataset[PlaceBatch]):
         images = torch.from_numpy(self.places.images[rows]).permute(0, 3, 1, 2)
         if self.augmentation is not None:
             images = self.augmentation(images, chosen, self.seed)
+            if self.augmentation.mirror:  # a whole epoch, so that a batch holds no place beside its mirror image
+                mirrored = torch.from_numpy(chosen // len(self.places) % 2 == 1)
+                images[mirrored] = images[mirrored].flip(-1)
 
         def part(column: ndarray | None) -> Tensor | None:
             return None if column is None else torch.from_numpy(column[rows])
@@ -150,7 +153,7 @@ class PlaceBatches(Sampler[Tensor]):
         if not len(self.anchors):
             raise UserError(
                 f"no training image has another within the tolerance of {tolerance.name}: nothing to learn from",
-                "Widen tolerance.positive, or add traverses of the same places.",
+                f"Widen task.tolerance.{tolerance.unit}.positive, or add traverses of the same places.",
             )
         self._near = places.not_negatives(self.anchors, self.anchors, tolerance)
 

@@ -8,8 +8,11 @@ from sextant.data.batches import EpochBatches
 from sextant.data.places.augmentation import PlaceAugmentation
 from sextant.data.places.batches import PlaceBatch, PlaceBatches, PlaceBatchImages
 from sextant.data.places.images import PlaceImages
-from sextant.data.places.source import PlaceSource
+from sextant.data.places.source import PlaceSource, Split
+from sextant.data.places.split_checks import check_headings, check_search, check_training
 from sextant.data.places.tolerance import PlaceTolerance
+
+STAGES: dict[str, tuple[Split, ...]] = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",)}
 
 
 class PlaceData(pl.LightningDataModule):
@@ -49,12 +52,48 @@ class PlaceData(pl.LightningDataModule):
         self.eval_batch_size, self.seed, self.workers = eval_batch_size, seed, workers
         self.augmentation, self.jitter = augmentation, jitter
         self._splits: dict[str, PlaceImages] = {}
+        self._batches: PlaceBatches | None = None
 
     def setup(self, stage: str) -> None:
-        """Read the splits that ``stage`` needs: training and validation for ``fit``, test for ``test``."""
-        for split in {"fit": ("train", "val"), "validate": ("val",), "test": ("test",)}.get(stage, ()):
-            if split not in self._splits:
-                self._splits[split] = self.source.read(split)  # type: ignore[arg-type]
+        """Read the splits that ``stage`` needs: training and validation for ``fit``, test for ``test``.
+
+        Raises:
+            UserError: a split cannot be read or searched; says which key or file is to blame.
+        """
+        for split in STAGES.get(stage, ()):
+            self._read(split)
+
+    def _read(self, split: Split) -> None:
+        if split not in self._splits:
+            images = self.source.read(split)
+            if split != "train":
+                check_search(images, split, self.test_tolerance)
+            self._splits[split] = images
+
+    def check(self) -> None:
+        """Read all splits, so that what is wrong with any of them is told before anything is trained.
+
+        Raises:
+            UserError: as :meth:`setup`, or the training split has no places or fewer than a batch shall have.
+        """
+        self._read("train")
+        check_training(self._training_batches())
+        self.setup("fit")
+        self.setup("test")
+
+    def _training_batches(self) -> PlaceBatches:
+        if self._batches is None:
+            places = self._splits["train"]
+            check_headings(places, "train", self.tolerance, "task.tolerance")
+            self._batches = PlaceBatches(
+                places, self.tolerance, self.batch_places, self.batch_conditions, self.seed, jitter=self.jitter
+            )
+        return self._batches
+
+    @property
+    def splits(self) -> dict[str, PlaceImages]:
+        """The images of all splits that were read."""
+        return dict(self._splits)
 
     def split(self, name: str) -> PlaceImages:
         """The images of ``train``, ``val`` or ``test``, once they were read by :meth:`setup`."""
@@ -62,12 +101,9 @@ class PlaceData(pl.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[PlaceBatch]:
         """Places anew in every epoch, a function of (seed, epoch)."""
-        places, trainer = self._splits["train"], self.trainer
-        rank = (0, 1) if trainer is None else (trainer.global_rank, trainer.world_size)
-        batches = PlaceBatches(
-            places, self.tolerance, self.batch_places, self.batch_conditions, self.seed, *rank, jitter=self.jitter
-        )
+        places, batches, trainer = self._splits["train"], self._training_batches(), self.trainer
         if trainer is not None:
+            batches.rank, batches.ranks = trainer.global_rank, trainer.world_size
             # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
             batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
         return self._loader(PlaceBatchImages(places, self.augmentation, self.seed), batches, self.workers)

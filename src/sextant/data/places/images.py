@@ -63,7 +63,8 @@ class PlaceImages:
         frame: number of each image along its traverse.
         names: a name for each image: its file, where it has one.
         position_m: x and y in metres, or None.
-        heading_deg: direction of view in degrees, from and to any side so long as it is the same for all; or None.
+        heading_deg: direction of view in degrees, from and to any side so long as it is the same for all; nan where it
+            is not known, or None.
         aligned: equal frames of two traverses show one place.
         skipped: files that were left out because they cannot be used, each with the reason.
     """
@@ -151,12 +152,13 @@ class PlaceImages:
         query, reference = _rows_and_columns(pairs, queries, references)
         keep = query != reference
         if tolerance.heading_deg is not None:
-            if self.heading_deg is None:
+            heading = self.heading_deg
+            if heading is None or np.isnan(heading[queries]).any() or np.isnan(heading[references]).any():
                 raise UserError(
                     f"tolerance.heading_deg={tolerance.heading_deg:g}, but headings of these images are not known",
                     "tolerance.heading_deg=null",
                 )
-            angle = heading_difference_deg(self.heading_deg[query], self.heading_deg[reference])
+            angle = heading_difference_deg(heading[query], heading[reference])
             keep &= angle <= tolerance.heading_deg
         return keep_pairs(pairs, keep)
 

@@ -56,7 +56,7 @@ class Nordland:
         skip_bad: bool = False,
         roots: Sequence[Path | str] = (),
     ):
-        self.conditions = tuple(conditions)
+        self.seasons = tuple(conditions)
         if not conditions or len(set(conditions)) < len(conditions):
             raise UserError(
                 f"dataset.conditions={list(conditions)} must name folders, each once",
@@ -86,17 +86,21 @@ class Nordland:
         Raises:
             UserError: a season is not there, has no images, or lacks frames (these are named).
         """
-        traverses = {name: self.folder / name for name in self.conditions}
+        traverses = {name: self.folder / name for name in self.seasons}
         there = sorted(path.name for path in self.folder.iterdir() if path.is_dir())
-        absent = [name for name in self.conditions if name not in there]
+        absent = [name for name in self.seasons if name not in there]
         if absent:
             raise MissingDataError(
-                f"dataset.conditions={list(self.conditions)}: {self.folder} has no folder {', '.join(absent)}; "
+                f"dataset.conditions={list(self.seasons)}: {self.folder} has no folder {', '.join(absent)}; "
                 f"it has {', '.join(there) or 'none'}",
                 "Name folders that are there, or add the frames of that season.",
             )
         key = f"dataset={self.name}"
         return align_by_name(traverse_files(traverses, key), traverses, key, skip_missing=self.skip_bad)
+
+    def conditions(self, split: Split) -> tuple[str, ...]:
+        """The seasons, the same for all splits."""
+        return self.seasons
 
     def files(self, split: Split) -> list[Path]:
         """The frames of a split, season by season; nothing is decoded.
@@ -111,7 +115,7 @@ class Nordland:
         chosen = self.ranges.of_split(split, self.rides.count)
         return [
             (traverse, frame, self.rides.files[name][frame])
-            for traverse, name in enumerate(self.conditions)
+            for traverse, name in enumerate(self.seasons)
             for frame in chosen
             if frame in self.rides.files[name]
         ]
@@ -123,7 +127,7 @@ class Nordland:
             for split in SPLITS
         ]
         size = [self.size.height, self.size.width, self.size.channels]
-        return hashlib.sha256(json.dumps([entries, self.conditions, size]).encode()).hexdigest()
+        return hashlib.sha256(json.dumps([entries, self.seasons, size]).encode()).hexdigest()
 
     def read(self, split: Split) -> PlaceImages:
         """The frames of a split, decoded at the first time and mapped from the cache from then on.
@@ -141,7 +145,7 @@ class Nordland:
         )
         kept = [entries[i] for i in decoded.kept]
         traverse, frame = np.array([(t, i) for t, i, _ in kept], np.int64).reshape(-1, 2).T
-        for k, name in enumerate(self.conditions):
+        for k, name in enumerate(self.seasons):
             if not np.any(traverse == k):
                 raise UserError(
                     f"dataset={self.name}: {name} has no {split} frame that can be read",
@@ -151,8 +155,8 @@ class Nordland:
         return PlaceImages(
             decoded.images,
             np.ascontiguousarray(traverse),
-            self.conditions,
+            self.seasons,
             np.ascontiguousarray(frame),
-            tuple(f"{self.conditions[t]}/{path.name}" for t, _, path in kept),
+            tuple(f"{self.seasons[t]}/{path.name}" for t, _, path in kept),
             skipped=decoded.bad + lacking,
         )

@@ -57,7 +57,7 @@ class PlaceFolders:
         width: columns that images are stretched to.
         channels: 3 for colour, 1 for grey.
         skip_bad: leave out files that cannot be decoded, and for ``places=name`` those without a partner.
-        allow_duplicates: let a split have files of equal content.
+        allow_duplicates: let a split have files of equal content, or files of another split.
         roots: folders to look in as well; decoded images are kept in the last.
 
     Raises:
@@ -108,6 +108,14 @@ class PlaceFolders:
             "dataset.test='{reference: first, query: second}'. Without images of your own: dataset=town_seasons",
         )
 
+    def conditions(self, split: Split) -> tuple[str, ...]:
+        """The names of a split's traverses.
+
+        Raises:
+            MissingDataError: there is no such split.
+        """
+        return tuple(self._traverses(split))
+
     def files(self, split: Split) -> list[Path]:
         """The images of a split, traverse by traverse; nothing is decoded.
 
@@ -135,7 +143,7 @@ class PlaceFolders:
         """
         entries, missing = self._entries(split)
         if not self.allow_duplicates:
-            _refuse_duplicates([entry.path for entry in entries], f"dataset.{split}")
+            self._refuse_duplicates(split, [entry.path for entry in entries])
         decoded = read_images(
             [entry.path for entry in entries],
             self.size,
@@ -144,7 +152,7 @@ class PlaceFolders:
             skip_bad=self.skip_bad,
         )
         kept = [entries[i] for i in decoded.kept]
-        conditions = tuple(self._traverses(split))
+        conditions = self.conditions(split)
         traverse = np.array([entry.traverse for entry in kept], np.int64)
         for k, name in enumerate(conditions):
             if not np.any(traverse == k):
@@ -175,14 +183,13 @@ class PlaceFolders:
                 f"dataset.{split} is null: dataset={self.name} has no {split} images",
                 f"Name a folder for each traverse: dataset.{split}='{{reference: <folder>, query: <folder>}}'",
             )
-        traverses = {str(name): self.folder / folder for name, folder in chosen.items()}
-        for other in SPLITS:
-            for name, folder in (self.splits[other] or {}).items():
-                if other != split and (self.folder / folder).resolve() in [
-                    path.resolve() for path in traverses.values()
-                ]:
+        traverses = {name: self.folder / folder for name, folder in chosen.items()}
+        others = [(other, name, folder) for other in SPLITS for name, folder in (self.splits[other] or {}).items()]
+        for own, path in traverses.items():
+            for other, name, folder in others:
+                if other != split and _overlap(path.resolve(), (self.folder / folder).resolve()):
                     raise UserError(
-                        f"dataset.{split} and dataset.{other}.{name} both have {folder}",
+                        f"dataset.{split}.{own}={chosen[own]} and dataset.{other}.{name}={folder} have files in common",
                         "Splits must share no place: give each folders of its own.",
                     )
         return traverses
@@ -217,6 +224,31 @@ class PlaceFolders:
             placed += [entry._replace(pose=pose) for entry, pose in zip(own, poses, strict=True)]
         return placed, missing
 
+    def _refuse_duplicates(self, split: Split, paths: Sequence[Path]) -> None:
+        """Raise a ``UserError`` that names files of equal content, within the split or in it and an earlier one.
+
+        A query that is in the map too takes no skill to find, nor one that was learnt from.
+        """
+        earlier = [other for other in SPLITS[: SPLITS.index(split)] if self.splits[other]]
+        first = {file_sha256(entry.path): entry.path for other in earlier for entry in self._aligned(other)[0]}
+        double: list[str] = []
+        for path in paths:
+            digest = file_sha256(path)
+            if digest in first:
+                double.append(f"{self._told(first[digest])} = {self._told(path)}")
+            else:
+                first[digest] = path
+        if double:
+            raise UserError(
+                f"dataset.{split}: {len(double):,} files are the same as another\n{problem_list(double)}",
+                "Remove one of each pair, or, if that is meant, dataset.allow_duplicates=true",
+            )
+
+    def _told(self, path: Path) -> str:
+        """A file's name in messages: below the folder if it lies there."""
+        around = self.folder.resolve()
+        return (path.relative_to(around) if path.is_relative_to(around) else path).as_posix()
+
     def _table(self, folder: Path, key: str) -> Path:
         """The table of a traverse: in its folder, or else in the folder around all."""
         for path in (folder / self.csv, self.folder / self.csv):
@@ -229,27 +261,14 @@ class PlaceFolders:
         )
 
 
+def _overlap(first: Path, second: Path) -> bool:
+    """Whether two folders are one, or one lies in the other."""
+    return first == second or first in second.parents or second in first.parents
+
+
 def _columns(poses: Sequence[Pose]) -> tuple[Float64[ndarray, "n 2"] | None, Float64[ndarray, "n"] | None]:
-    """Positions and headings; of headings none unless every image has one."""
+    """Positions, and headings with nan for those that are not known; None where no image has one."""
     if not poses:
         return None, None
-    headings = [pose.heading_deg for pose in poses if pose.heading_deg is not None]
-    positions = np.array([(pose.x, pose.y) for pose in poses])
-    return positions, np.array(headings) if len(headings) == len(poses) else None
-
-
-def _refuse_duplicates(paths: Sequence[Path], key: str) -> None:
-    """Raise a ``UserError`` that names files of equal content: a query in the map too takes no skill to find."""
-    first: dict[str, Path] = {}
-    double: list[str] = []
-    for path in paths:
-        digest = file_sha256(path)
-        if digest in first:
-            double.append(f"{first[digest].parent.name}/{first[digest].name} = {path.parent.name}/{path.name}")
-        else:
-            first[digest] = path
-    if double:
-        raise UserError(
-            f"{key}: {len(double):,} files are the same as another\n{problem_list(double)}",
-            "Remove one of each pair, or, if that is meant, dataset.allow_duplicates=true",
-        )
+    heading = np.array([np.nan if pose.heading_deg is None else pose.heading_deg for pose in poses])
+    return np.array([(pose.x, pose.y) for pose in poses]), None if np.isnan(heading).all() else heading

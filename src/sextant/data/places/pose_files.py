@@ -16,6 +16,7 @@ northing, so that images far apart are far apart; distances across a zone's bord
 
 import csv
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -50,8 +51,8 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path} cannot be read as a table: {error}", f"A CSV file with {','.join(COLUMNS)}") from None
-    rows = csv.reader(text.splitlines(), skipinitialspace=True)
-    header = [name.strip().lower() for name in next(rows, [])]
+    rows, lines = _rows(path, text)
+    header = [name.strip().lower() for name in (rows[0] if rows else [])]
     lacking = [name for name in COLUMNS[:3] if header.count(name) != 1]
     if lacking or header.count("heading") > 1:
         raise UserError(
@@ -62,10 +63,10 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
     where = [header.index(name) for name in COLUMNS if name in header]
     poses: dict[str, Pose] = {}
     problems: list[str] = []
-    for row in rows:
+    for row, number in zip(rows[1:], lines[1:], strict=True):
         if not any(cell.strip() for cell in row):
             continue
-        line = f"line {rows.line_num}"
+        line = f"line {number}"
         if len(row) < len(header):
             problems.append(f"{line}: {len(row)} values for {len(header)} columns")
             continue
@@ -88,6 +89,22 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
     return poses
 
 
+def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
+    """The cells of each row, and the line that it ends on."""
+    reader = csv.reader(text.splitlines(), skipinitialspace=True)
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        for row in reader:
+            rows.append(row)
+            lines.append(reader.line_num)
+    except csv.Error as error:
+        raise UserError(
+            f"{path}: line {reader.line_num} cannot be read: {error}", "Is a quotation mark open above?"
+        ) from None
+    return rows, lines
+
+
 def parse_utm_name(name: str) -> Pose | None:
     """The pose that a file's name tells, or None if it does not follow the convention."""
     fields = Path(name).stem.split("@")
@@ -98,7 +115,7 @@ def parse_utm_name(name: str) -> Pose | None:
     zone = 0.0 if not fields[ZONE].strip() else _number(fields[ZONE])
     letter, heading = fields[LETTER].strip().upper(), fields[HEADING].strip()
     angle = _number(heading) if heading else None
-    if east is None or north is None or zone is None or (heading and angle is None):
+    if east is None or north is None or zone is None or (heading and angle is None) or len(letter) > 1:
         return None
     south = bool(letter) and letter in SOUTHERN
     return Pose(east + ZONE_M * zone, north - FALSE_NORTHING_M * south, angle)
@@ -126,7 +143,7 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
     """The poses of files by a table that lies in a folder around them.
 
     Args:
-        paths: of the images.
+        paths: of the images, below the folder with its links followed.
         folder: of the traverse: rows of files below it that are not there are an error.
         table: the CSV file.
         key: of the config, for messages.
@@ -134,16 +151,16 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
     Raises:
         UserError: an image has no row, or a row no image; they are named.
     """
-    poses, root = read_pose_table(table), table.parent.resolve()
-    names = [path.resolve().relative_to(root).as_posix() for path in paths]
+    poses, root = read_pose_table(table), folder.resolve()
+    inside = Path(os.path.relpath(folder, table.parent))  # as it was named: folders and files may be links
+    names = [(inside / path.relative_to(root)).as_posix() for path in paths]
     unplaced = [name for name in names if name not in poses]
     if unplaced:
         raise UserError(
             f"{key}: {len(unplaced):,} of {len(names):,} images have no row in {table}\n{problem_list(unplaced)}",
             "Add rows of file,x,y, with paths relative to the table's folder, or take these images away.",
         )
-    inside = folder.resolve().relative_to(root).as_posix()
-    own = [name for name in poses if inside == "." or name.startswith(f"{inside}/")]
+    own = [name for name in poses if inside == Path() or name.startswith(f"{inside.as_posix()}/")]
     absent = sorted(set(own) - set(names))
     if absent:
         raise UserError(

@@ -7,7 +7,7 @@ from sextant.data.places.images import PlaceImages
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
-    from sextant.data.places.town_seasons import TownSeasonsSource
+    from sextant.data.rendered import RenderedSource
 
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[Split, ...] = get_args(Split)
@@ -24,6 +24,13 @@ class PlaceSource(Protocol):
 
     name: str
     place_unit: Literal["m", "frames"]
+
+    def conditions(self, split: Split) -> tuple[str, ...]:
+        """The conditions of a split, the map's first; nothing is read.
+
+        Raises:
+            UserError: there is no such split.
+        """
 
     def files(self, split: Split) -> list[Path]:
         """The files that ``split`` is read from; nothing is rendered or decoded.
@@ -55,7 +62,7 @@ def as_place_source(dataset: Any) -> PlaceSource:
 
         if isinstance(dataset, TownSeasons):
             return TownSeasonsSource(dataset)
-    elif isinstance(dataset, PlaceSource) and hasattr(dataset, "place_unit"):
+    elif isinstance(dataset, PlaceSource):
         return dataset
     name = getattr(dataset, "name", type(dataset).__name__)
     raise UserError(
@@ -64,7 +71,9 @@ def as_place_source(dataset: Any) -> PlaceSource:
     )
 
 
-def rendered_place_source(source: PlaceSource) -> "TownSeasonsSource | None":
+def rendered_place_source(source: PlaceSource) -> "RenderedSource | None":
     """The part of a source that is rendered, if it has one."""
+    from sextant.data.rendered import RenderedSource
+
     source = getattr(source, "source", source)
-    return source if hasattr(source, "showing") else None  # type: ignore[return-value]
+    return source if isinstance(source, RenderedSource) else None

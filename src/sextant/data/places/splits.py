@@ -96,12 +96,15 @@ class ConditionSplit:
     def __post_init__(self) -> None:
         for key, names in (("train", self.train), ("test", self.test)):
             if names is not None and (not names or len(set(names)) < len(names)):
-                raise UserError(f"{key}_conditions={list(names)} must name conditions, each once, or be null for all")
+                raise UserError(
+                    f"task.{key}_conditions={list(names)} must name conditions, each once, or be null for all",
+                    f"task.{key}_conditions=null",
+                )
         both = set(self.train or ()) & set(self.test or ()) - set(self.shared)
         if both:
             raise UserError(
-                f"train_conditions and test_conditions share {', '.join(sorted(both))}",
-                "Take it out of one of them, or name it as shared: the map's condition.",
+                f"task.train_conditions and task.test_conditions share {', '.join(sorted(both))}",
+                f"Take it out of one of them, or name the map's condition: task.shared_conditions=[{min(both)}]",
             )
 
     def of_split(self, split: Split) -> tuple[str, ...] | None:
@@ -114,15 +117,39 @@ class ConditionSplitSource:
 
     Args:
         source: what is split.
-        conditions: of each split.
+        choice: conditions of each split.
     """
 
-    def __init__(self, source: PlaceSource, conditions: ConditionSplit):
-        self.source, self.conditions = source, conditions
+    def __init__(self, source: PlaceSource, choice: ConditionSplit):
+        self.source, self.choice = source, choice
         self.name, self.place_unit = source.name, source.place_unit
 
+    def conditions(self, split: Split) -> tuple[str, ...]:
+        """Those chosen for the split.
+
+        Raises:
+            UserError: the source has no such condition.
+        """
+        there, chosen = self.source.conditions(split), self.choice.of_split(split)
+        if chosen is None:
+            return there
+        absent = [name for name in chosen if name not in there]
+        if absent:
+            key = "task.test_conditions" if split == "test" else "task.train_conditions"
+            raise UserError(
+                f"{key}={list(chosen)}: the {split} split of dataset={self.name} has no {', '.join(absent)}; "
+                f"it has {', '.join(there)}",
+                "Choose of these, the map's first, or null for all.",
+            )
+        return chosen
+
     def files(self, split: Split) -> list[Path]:
-        """Those of the source."""
+        """Those of the source.
+
+        Raises:
+            UserError: as :meth:`conditions`, and what the source raises.
+        """
+        self.conditions(split)
         return self.source.files(split)
 
     def fingerprint(self) -> str:
@@ -133,7 +160,7 @@ class ConditionSplitSource:
         """The images of a split under its conditions.
 
         Raises:
-            UserError: a condition does not exist.
+            UserError: as :meth:`conditions`, and what the source raises.
         """
-        chosen, images = self.conditions.of_split(split), self.source.read(split)
-        return images if chosen is None else images.only_conditions(chosen)
+        chosen, images = self.conditions(split), self.source.read(split)
+        return images if chosen == images.conditions else images.only_conditions(chosen)

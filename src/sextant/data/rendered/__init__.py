@@ -3,8 +3,10 @@
 from sextant.data.rendered.lock import tell_stderr
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import ArraySpec, RenderPlan
+from sextant.data.rendered.progress import Progress, Showing, telling_every
 from sextant.data.rendered.repair import forget_chunks, repair_store
 from sextant.data.rendered.source import modules_sha256
+from sextant.data.rendered.splits import RenderedSource
 from sextant.data.rendered.store import RenderedStore, load_store, open_store
 from sextant.data.rendered.verify import ChunkDamage, FileDamage, StoreReport, verify_store
 
@@ -13,8 +15,11 @@ __all__ = [
     "ChunkDamage",
     "FileDamage",
     "Manifest",
+    "Progress",
     "RenderPlan",
+    "RenderedSource",
     "RenderedStore",
+    "Showing",
     "StoreReport",
     "forget_chunks",
     "load_store",
@@ -23,5 +28,6 @@ __all__ = [
     "read_manifest",
     "repair_store",
     "tell_stderr",
+    "telling_every",
     "verify_store",
 ]

@@ -1,7 +1,7 @@
 """A rendered dataset on disk: read lazily, rendered once, resumed after any interruption."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from functools import cached_property
 from pathlib import Path
@@ -19,10 +19,9 @@ from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_a
 from sextant.data.rendered.lock import Tell, store_lock, tell_stderr
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import RenderPlan
+from sextant.data.rendered.progress import Progress
 from sextant.data.rendered.rendering import ChunkWriter, written_chunks
 from sextant.errors import UserError
-
-Progress = Callable[[int, int], None]
 
 
 def open_store(plan: RenderPlan, cache: Path | str, *, tell: Tell = tell_stderr) -> "RenderedStore":

@@ -1,6 +1,7 @@
 """Datasets rendered from procedural worlds: no download, exact labels."""
 
 from sextant.data.worlds.office_walk import OfficeWalk
+from sextant.data.worlds.town_factors import TownFactors
 from sextant.data.worlds.towns import TownCity, TownPanoramas, TownSeasons
 
-__all__ = ["OfficeWalk", "TownCity", "TownPanoramas", "TownSeasons"]
+__all__ = ["OfficeWalk", "TownCity", "TownFactors", "TownPanoramas", "TownSeasons"]

@@ -150,20 +150,25 @@ class TownSeasonsPlan(_TownPlan):
         """Frame ``i`` of every traverse of a split is the same place, driven with another seed."""
         parts = []
         for split, name in enumerate(SPLITS):
-            n, step = self.config["frames"][name], self.config["step_m"]
-            graph, seed = self.graph(split), town_seed(self.config["seed"], split)
-            nodes = random_walk(graph, 1.25 * n * step + 300, seed)  # corners are cut: the drive is shorter
             for k in range(len(self.appearances)):
-                route = drive(graph, nodes, seed=seed * 100 + k, gait=self.gait)
-                still = np.gradient(route.arc_m, route.times) if len(route.times) > 1 else np.zeros(1)
-                sampled = route.sample_by_distance(step)
-                speed = np.interp(sampled.times, route.times, still)[:n]
-                x, y, heading = sampled.poses[:n].T
-                zero = np.zeros(len(x))
-                pose = np.column_stack([x, y, zero + CAMERA_HEIGHT_M, heading, zero, zero])
-                velocity = np.column_stack([speed * np.cos(heading), speed * np.sin(heading), zero, zero])
+                pose, velocity = self.traverse(split, k)
+                n = self.config["frames"][name]
                 parts.append(Shots.of(split, k, split, np.arange(n), pose, velocity=velocity))
         return Shots.join(parts)
+
+    def traverse(self, split: int, drive_number: int) -> tuple[Float64[ndarray, "n 6"], Float64[ndarray, "n 4"]]:
+        """Pose and velocity at every frame of one of the drives along the route of a split."""
+        n, step = self.config["frames"][SPLITS[split]], self.config["step_m"]
+        graph, seed = self.graph(split), town_seed(self.config["seed"], split)
+        nodes = random_walk(graph, 1.25 * n * step + 300, seed)  # corners are cut: the drive is shorter
+        route = drive(graph, nodes, seed=seed * 100 + drive_number, gait=self.gait)
+        still = np.gradient(route.arc_m, route.times) if len(route.times) > 1 else np.zeros(1)
+        sampled = route.sample_by_distance(step)
+        speed = np.interp(sampled.times, route.times, still)[:n]
+        x, y, heading = sampled.poses[:n].T
+        zero = np.zeros(len(x))
+        pose = np.column_stack([x, y, zero + CAMERA_HEIGHT_M, heading, zero, zero])
+        return pose, np.column_stack([speed * np.cos(heading), speed * np.sin(heading), zero, zero])
 
     def describe(self) -> dict[str, Any]:
         """Towns and the length of a traverse."""
@@ -312,8 +317,12 @@ class TownSeasons(RenderedWorld):
 
     def plan(self) -> WorldPlan:
         """What is rendered; the contents of trajectory files are part of its identity."""
-        self.config = {**self.config, "trajectory_sha256": file_hashes(self.config["trajectories"].values())}
+        self.config = self.identified()
         return super().plan()
+
+    def identified(self) -> dict[str, Any]:
+        """The config with the contents of its trajectory files."""
+        return {**self.config, "trajectory_sha256": file_hashes(self.config["trajectories"].values())}
 
 
 class TownCity(RenderedWorld):

@@ -2,6 +2,7 @@
 
 import glob
 from collections.abc import Iterable
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from sextant.data.image_folder import SUFFIXES
@@ -9,12 +10,18 @@ from sextant.errors import UserError
 
 #: the last two are not decoded: they are found so that they are named
 FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".avif", ".heic", ".heif")
-#: ends of the names of pictures that a calibration writes; see :mod:`~sextant.cli.photo_calibration.photo_files`
-WRITTEN = ("_overlay.png", "_undistorted.png", "_undistorted.jpg", "calibrations.png")
+#: names of pictures that predictions write: :mod:`~sextant.cli.photo_calibration.photo_files`,
+#: :mod:`~sextant.cli.place_matching.gallery_pages`
+WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
 
 
-def find_photos(given: str, output: Path) -> list[Path]:
+def find_photos(given: str, output: Path, key: str = "input") -> list[Path]:
     """The photo at a path, all below a folder, or those that a pattern matches, in order; never what this wrote.
+
+    Args:
+        given: path, folder or pattern.
+        output: folder that predictions are written to.
+        key: of the argument, for messages.
 
     Raises:
         UserError: there is none.
@@ -32,11 +39,11 @@ def find_photos(given: str, output: Path) -> list[Path]:
         for p in candidates
         if p.suffix.lower() in FOUND_IN_FOLDERS
         and p.is_file()
-        and not (p.name.endswith(WRITTEN) and p.resolve().is_relative_to(written))
+        and not (any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
     if not found:
         raise UserError(
-            f"input={given}: no photo there",
+            f"{key}={given}: no photo there",
             f"Give a photo, a folder or a pattern such as 'photos/*.jpg'. Photos end in {', '.join(SUFFIXES)}",
         )
     return found

@@ -1,0 +1,110 @@
+r"""A layer of a network that was trained for something else, as a descriptor of places.
+
+What a network for objects computes half way up survives changes of light better than pixels do, without having been
+trained for it: N. Sünderhauf et al., "On the performance of ConvNet features for place recognition", IROS 2015, take
+``conv3`` of AlexNet. Here the map of the layer is averaged over the cells of a grid first, so that the descriptor is
+short, then flattened, whitened if so wished, and brought to unit length.
+"""
+
+from typing import Self
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Float32, UInt8
+from numpy import ndarray
+from torch import Tensor, nn
+
+from sextant.baselines.descriptor import PlaceDescriptor, unit_norm
+from sextant.baselines.whitening import whitening
+
+#: images described at a time
+BATCH = 64
+
+
+class NetworkLayer(PlaceDescriptor):
+    """``unit(whiten(mean over the cells of a grid (f(image))))``; the network f is used as it is.
+
+    Args:
+        features: maps images ``(b, channels, h, w)`` in [0, 1] to a map ``(b, c, h2, w2)``.
+        height, width: size in pixels to which images are brought first.
+        channels: 1 or 3; grey images are repeated for 3, colours are averaged for 1.
+        grid: rows and columns of cells; at most those of the map are used.
+        dimensions: of whitened principal components, learnt by ``fit`` from reference images; None keeps all numbers.
+
+    Attributes:
+        pca_: the fitted ``sklearn.decomposition.PCA``, if there are ``dimensions``.
+
+    Raises:
+        ValueError: channels are neither 1 nor 3, or the grid is empty.
+    """
+
+    def __init__(
+        self,
+        features: nn.Module,
+        height: int,
+        width: int,
+        *,
+        channels: int = 3,
+        grid: tuple[int, int] = (4, 8),
+        dimensions: int | None = None,
+    ):
+        super().__init__(height, width)
+        if channels not in (1, 3) or min(grid) < 1:
+            raise ValueError(f"need 1 or 3 channels and a grid of at least 1x1; got {channels}, {grid}")
+        self.features = features.eval().requires_grad_(False)
+        self.channels, self.grid, self.dimensions = channels, grid, dimensions
+
+    def fit(self, images: UInt8[ndarray, "n h w c"]) -> Self:
+        """Learn the whitening, if there is one, from reference images.
+
+        Raises:
+            ValueError: the images span fewer than ``dimensions`` directions.
+        """
+        if self.dimensions is not None:
+            rows = self._rows(images)
+            many = rows.shape[1] <= len(rows)
+            self.pca_ = whitening(rows, self.dimensions, "covariance_eigh" if many else "full")
+        return self
+
+    def describe(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
+        """One descriptor a row.
+
+        Raises:
+            NotFittedError: there is a whitening, and ``fit`` was not called.
+        """
+        return self._finish(self._rows(images))
+
+    def describe_grey(self, grey: Float32[ndarray, "n h w"]) -> Float32[ndarray, "n d"]:
+        """Descriptors of grey images in [0, 1]."""
+        parts = [self._pooled(torch.from_numpy(np.ascontiguousarray(part))[:, None]) for part in _batches(grey)]
+        return self._finish(np.concatenate(parts))
+
+    def _rows(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
+        """Averages over the cells of the grid, one image a row."""
+        bytes_of = (torch.from_numpy(np.ascontiguousarray(part)).permute(0, 3, 1, 2) for part in _batches(images))
+        return np.concatenate([self._pooled(part.float() / 255) for part in bytes_of])
+
+    @torch.no_grad()
+    def _pooled(self, images: Float[Tensor, "b k h w"]) -> Float32[ndarray, "b d"]:
+        x = images if images.shape[1] == self.channels else images.mean(1, keepdim=True)
+        x = x.expand(-1, self.channels, -1, -1)
+        if x.shape[2:] != (self.height, self.width):
+            x = F.interpolate(x, (self.height, self.width), mode="bilinear", antialias=True, align_corners=False)
+        device = next((parameter.device for parameter in self.features.parameters()), torch.device("cpu"))
+        found = self.features(x.to(device))
+        cells = min(self.grid[0], found.shape[2]), min(self.grid[1], found.shape[3])
+        return F.adaptive_avg_pool2d(found, cells).flatten(1).float().cpu().numpy()
+
+    def _finish(self, rows: Float32[ndarray, "n d"]) -> Float32[ndarray, "n k"]:
+        if self.dimensions is None:
+            return unit_norm(rows)
+        if not hasattr(self, "pca_"):
+            from sklearn.exceptions import NotFittedError
+
+            raise NotFittedError("NetworkLayer.fit was not called: its whitening is learnt from the reference images")
+        return unit_norm(self.pca_.transform(rows).astype(np.float32))
+
+
+def _batches(images: ndarray) -> list[ndarray]:
+    return [images[start : start + BATCH] for start in range(0, max(len(images), 1), BATCH)]

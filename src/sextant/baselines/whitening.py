@@ -1,0 +1,39 @@
+"""Principal components brought to equal variance, learnt from descriptors of reference images."""
+
+from typing import TYPE_CHECKING, Literal
+
+from jaxtyping import Float32
+from numpy import ndarray
+
+if TYPE_CHECKING:
+    from sklearn.decomposition import PCA
+
+#: Components with a smaller share of the first one's variance are rounding, which whitening would blow up.
+SMALLEST_SHARE = 1e-7
+
+
+def whitening(
+    rows: Float32[ndarray, "n d"], dimensions: int, solver: Literal["covariance_eigh", "full"] = "covariance_eigh"
+) -> "PCA":
+    """``y = Λ^(-1/2) Vᵀ (x - m)`` with the mean, leading eigenvectors and eigenvalues of the covariance of ``rows``.
+
+    Args:
+        rows: one descriptor of a reference image a row.
+        dimensions: components that are kept.
+        solver: ``covariance_eigh`` for many rows, ``full`` for rows longer than there are many.
+
+    Raises:
+        ValueError: there are no more rows than ``dimensions``, or they span fewer directions.
+    """
+    from sklearn.decomposition import PCA
+
+    if dimensions >= len(rows):
+        raise ValueError(f"dimensions={dimensions} needs more reference images than that; got {len(rows)}")
+    if dimensions > rows.shape[1]:
+        raise ValueError(f"dimensions={dimensions}, but a descriptor has only {rows.shape[1]} numbers")
+    pca = PCA(dimensions, whiten=True, svd_solver=solver).fit(rows)
+    variance = pca.explained_variance_
+    rank = int((variance > SMALLEST_SHARE * variance[0]).sum()) if variance[0] > 0 else 0
+    if rank < dimensions:
+        raise ValueError(f"dimensions={dimensions}, but the reference images span only {rank} directions")
+    return pca

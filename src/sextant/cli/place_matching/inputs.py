@@ -1,0 +1,99 @@
+"""The photos of a map and of queries; imports no torch."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from sextant.cli.input_photos import find_photos
+from sextant.cli.place_matching.options import PlaceOptions, options_from
+from sextant.errors import UserError
+
+#: what a folder of descriptors has; see :mod:`~sextant.cli.place_matching.saved_map`
+HEADER = "map.json"
+
+
+@dataclass(frozen=True)
+class PhotoFolder:
+    """Photos of a folder.
+
+    Attributes:
+        folder: that the names are relative to.
+        names: of the files in natural order: ``image2`` before ``image10``.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def paths(self) -> list[Path]:
+        """The files."""
+        return [self.folder / name for name in self.names]
+
+
+@dataclass(frozen=True)
+class PlaceInputs:
+    """What is matched.
+
+    Attributes:
+        reference: photos of the map, or the folder that their descriptors were saved to.
+        queries: photos that are looked up.
+        output: folder for what is found.
+        options: chosen by the user.
+    """
+
+    reference: PhotoFolder | Path
+    queries: PhotoFolder
+    output: Path
+    options: PlaceOptions
+
+
+def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
+    """What the arguments name.
+
+    Raises:
+        UserError: an option has no meaning, a folder is not there or has no photos, or queries are files of the map.
+    """
+    options, output = options_from(given), Path(given.get("output", "matches")).expanduser()
+    path = Path(given["map"]).expanduser()
+    saved = (path / HEADER).is_file()
+    reference = path if saved else find_folder("map", given["map"], output)
+    queries = find_folder("queries", given["queries"], output, one=True)
+    if isinstance(reference, PhotoFolder):
+        refuse_overlap(reference, queries)
+    return PlaceInputs(reference, queries, output, options)
+
+
+def find_folder(key: str, given: str, output: Path, *, one: bool = False) -> PhotoFolder:
+    """The photos below a folder, or one photo where that is allowed.
+
+    Raises:
+        UserError: there is no such folder, or no photo in it.
+    """
+    path = Path(given).expanduser()
+    if path.is_file() and one:
+        return PhotoFolder(path.parent, (path.name,))
+    if not path.is_dir():
+        what = "is a file, not a folder" if path.is_file() else "there is no such folder"
+        raise UserError(f"{key}={given}: {what}", f"Give a folder of photos: {key}=/path/to/photos")
+    from sextant.data.places.image_files import natural_key
+
+    names = [found.relative_to(path).as_posix() for found in find_photos(given, output, key)]
+    return PhotoFolder(path, tuple(sorted(names, key=natural_key)))
+
+
+def refuse_overlap(photos: PhotoFolder, queries: PhotoFolder) -> None:
+    """Raise a ``UserError`` if a query is a file of the map: that it finds itself would say nothing."""
+    own = {path.resolve() for path in photos.paths}
+    shared = [path for path in queries.paths if path.resolve() in own]
+    if not shared:
+        return
+    first, second = photos.folder.resolve(), queries.folder.resolve()
+    where = "are the same folder" if first == second else "share files, for one lies in the other"
+    raise UserError(
+        f"map={photos.folder} and queries={queries.folder} {where}: {len(shared):,} of {len(queries):,} queries are "
+        f"files of the map, such as {shared[0].name}, and would find themselves",
+        "Keep the two in folders side by side.",
+    )

@@ -1,0 +1,38 @@
+"""What is told of the run whose network describes the photos, and the temperature that its test fitted."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from sextant.cli.resolve import FoundRun, resolve_run
+
+#: the test fits one temperature and tells it under the protocol of every condition
+TEMPERATURE = "test/place_temperature_"
+
+
+class Temperature(NamedTuple):
+    """Of the posterior over a map; or None, and why there is none."""
+
+    value: float | None
+    lacking: str = ""
+
+
+def run_temperature(found: FoundRun) -> Temperature:
+    """The temperature that the run's test fitted on its validation split, for the weights in this checkpoint."""
+    if found.directory is None:
+        return Temperature(None, "the checkpoint lies outside of its run's folder, which has the temperature")
+    results = found.directory.results()
+    if results is None:
+        return Temperature(None, "the run is not finished, and its test fits the temperature")
+    tested = resolve_run(str(found.directory.path), found.directory.path).checkpoint
+    if tested != found.checkpoint:
+        return Temperature(None, f"the run's temperature is of {tested.name}, not of {found.checkpoint.name}")
+    fitted = [value for name, value in results.get("metrics", {}).items() if name.startswith(TEMPERATURE)]
+    if not fitted or not isinstance(fitted[0], float) or not fitted[0] > 0:
+        return Temperature(None, "the run's test told none")
+    return Temperature(fitted[0])
+
+
+def run_facts(given: str, found: FoundRun, model: str, trained: Mapping[str, Any]) -> dict[str, Any]:
+    """Which run, which weights, trained on which data."""
+    facts = {"run": given, "checkpoint": str(found.checkpoint), "checkpoint_sha256": model}
+    return facts | {key: trained.get(key) for key in ("digest", "seed", "code")} | {"data": trained.get("data")}

@@ -1,0 +1,49 @@
+"""The files of all queries together: a table, and everything."""
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sextant.atomic_files import write_atomically, write_json
+from sextant.cli.output_folder import telling_write_errors
+
+COLUMNS = ("query", "rank", "match", "similarity", "confidence", "margin", "right")
+SEQUENCE_COLUMNS = ("sequence_match", "sequence_similarity", "sequence_right")
+
+
+def write_matches(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any], output: Path) -> None:
+    """Write ``matches.csv``, a row a query and rank, and ``matches.json`` with ``facts``.
+
+    Raises:
+        UserError: the disk is full, or the folder cannot be written to.
+    """
+    with telling_write_errors(output):
+        write_json(output / "matches.json", {**facts, "results": list(rows)})
+        write_atomically(output / "matches.csv", lambda file: file.write(_table(rows).encode()))
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    sequences = any("sequence_matches" in row for row in rows)
+    table = io.StringIO()
+    columns = [*COLUMNS, *(SEQUENCE_COLUMNS if sequences else ()), "error"]
+    writer = csv.DictWriter(table, columns, restval="")
+    writer.writeheader()
+    for row in rows:
+        writer.writerows(_flat(row))
+    return table.getvalue()
+
+
+def _flat(row: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """A row for each rank; the margin is of the first."""
+    if "error" in row:
+        yield {"query": row["query"], "error": row["error"]}
+        return
+    sequences = row.get("sequence_matches", [{}] * len(row["matches"]))
+    for single, sequence in zip(row["matches"], sequences, strict=True):
+        flat = {"query": row["query"], **single}
+        flat |= {f"sequence_{key}": value for key, value in sequence.items() if key != "rank"}
+        if single["rank"] == 1 and row["margin"] is not None:
+            flat["margin"] = row["margin"]
+        yield {key: str(value).lower() if isinstance(value, bool) else value for key, value in flat.items()}

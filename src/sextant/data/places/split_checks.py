@@ -1,0 +1,67 @@
+"""Whether a split can be learnt from or searched, told in the words of the config before anything is trained."""
+
+import numpy as np
+
+from sextant.data.places.batches import PlaceBatches
+from sextant.data.places.images import PlaceImages
+from sextant.data.places.problem_list import problem_list
+from sextant.data.places.tolerance import PlaceTolerance
+from sextant.errors import UserError
+
+
+def check_headings(images: PlaceImages, split: str, tolerance: PlaceTolerance, key: str) -> None:
+    """Raise a ``UserError`` that names images without a heading if the tolerance looks at headings.
+
+    Args:
+        images: of the split.
+        split: its name.
+        tolerance: of one place.
+        key: of the config that gives the tolerance.
+    """
+    if tolerance.heading_deg is None:
+        return
+    unknown = np.arange(len(images)) if images.heading_deg is None else np.flatnonzero(np.isnan(images.heading_deg))
+    if len(unknown):
+        raise UserError(
+            f"{key}.{tolerance.unit}.heading_deg={tolerance.heading_deg:g}, but {len(unknown):,} of {len(images):,} "
+            f"{split} images have no heading\n{problem_list([images.names[row] for row in unknown])}",
+            f"Give all of them one, or look at no heading: {key}.{tolerance.unit}.heading_deg=null",
+        )
+
+
+def check_search(images: PlaceImages, split: str, tolerance: PlaceTolerance) -> None:
+    """Raise a ``UserError`` unless images of one condition can be looked up in those of another.
+
+    Queries without a positive are no mistake so long as one has: metrics count them.
+
+    Args:
+        images: of the split.
+        split: its name.
+        tolerance: of one place in validation and test.
+    """
+    key = "task.test_tolerance"
+    check_headings(images, split, tolerance, key)
+    reference, *queries = images.conditions
+    if not queries:
+        setting = "task.test_conditions" if split == "test" else "task.train_conditions"
+        raise UserError(
+            f"the {split} split has one condition, {reference}: the first is the map, and others are looked up in it",
+            f"Name at least two in dataset.{split} (or dataset.conditions), and in {setting} unless it is null.",
+        )
+    rows = np.concatenate([images.rows_of(condition) for condition in queries])
+    if not images.positives(rows, images.rows_of(reference), tolerance).nnz:
+        raise UserError(
+            f"none of {len(rows):,} {split} images of {', '.join(queries)} has its place among the images of "
+            f"{reference}, within {tolerance.name}",
+            f"Widen {key}.{tolerance.unit}.positive, or look at the poses: both must be in one frame, in metres.",
+        )
+
+
+def check_training(batches: PlaceBatches) -> None:
+    """Raise a ``UserError`` if there are fewer places to learn from than a batch shall have."""
+    there = len(batches.anchors)
+    if batches.batch_places > there:
+        raise UserError(
+            f"task.batch_places={batches.batch_places}, but the training split has {there:,} places seen twice or more",
+            f"task.batch_places={there} at most, or add images.",
+        )

@@ -1,0 +1,34 @@
+"""Weights of a network from a file that somebody else wrote; nothing in it is executed."""
+
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from sextant.errors import UserError
+
+
+def load_weights(network: nn.Module, path: Path, key: str = "backbone.weights") -> None:
+    """Load a state dict of exactly this network, in place.
+
+    Args:
+        network: gets the weights.
+        path: a ``.safetensors`` file, or what ``torch.save`` wrote of a state dict.
+        key: of the config that names the file, for messages.
+
+    Raises:
+        UserError: there is no such file, it holds anything but tensors, or they are those of another network.
+    """
+    try:
+        if path.suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            state = load_file(path)
+        else:
+            state = torch.load(path, map_location="cpu", weights_only=True)
+        network.load_state_dict(state)
+    except Exception as error:
+        raise UserError(
+            f"{key}={path} cannot be loaded: {str(error).splitlines()[0]}",
+            "Give a state dict of this network, as torchvision saves it.",
+        ) from None
