@@ -112,6 +112,14 @@ def test_conditions_named_by_factors_become_curves(trained):
     assert metrics["test/recall_at_1"] == pytest.approx(np.mean(curves["network"]["recall"]))
 
 
+def test_curves_need_no_validation_split(trained):
+    outputs, run = trained
+    test = r"dataset.test={day: test/day, fog\=+0.5: test/half}"
+    _, results = evaluated(outputs, run, test, "dataset.val=null", "dataset.train=null", "task.baselines=false")
+    assert set(results["invariance"]["factors"]["fog"]) == {"network"}
+    assert "test/R_at_1_pm0f_fog__0.5_to_day" in results["metrics"]  # MLflow takes no +
+
+
 @pytest.mark.slow
 def test_the_town_is_rendered_and_curves_are_drawn(trained):
     outputs, run = trained

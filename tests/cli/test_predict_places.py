@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from sextant.cli import predict
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import execute
-from sextant.cli.place_matching import describing, gallery_pages
+from sextant.cli.place_matching import describing, gallery_pages, matching
 from sextant.cli.place_matching.inputs import read_inputs
 from sextant.cli.place_matching.matching import match
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
@@ -246,6 +246,39 @@ def test_truth(tmp_path, known):
     assert told["counts"]["right"] >= 3
     table = list(csv.DictReader((tmp_path / "out" / "matches.csv").open()))
     assert table[0]["right"] == "true"
+
+
+def test_a_table_by_relative_paths_by_links_and_for_one_query(tmp_path, monkeypatch):
+    """The folder may be named in any way, and rows of photos that are not asked for are no mistake."""
+    for folder in (ride(tmp_path / "day", range(3)), ride(tmp_path / "night", range(3), True)):
+        rows = [f"{k:03d}.png,{100 * k},0" for k in range(3)]
+        (folder / "poses.csv").write_text("\n".join(["file,x,y", *rows]))
+    (tmp_path / "link").symlink_to("day")
+    monkeypatch.chdir(tmp_path)
+    for reference, queries, count in (
+        ("day", "night", 3),
+        ("link", tmp_path / "night", 3),
+        ("day", "night/001.png", 1),
+    ):
+        _, told = look_up(reference, queries, tmp_path / "out", places="csv")
+        assert told["counts"]["right"] == told["counts"]["in_map"] == count
+
+
+def test_what_is_wrong_with_all_photos_is_told_before_any_is_described(rides, tmp_path, monkeypatch):
+    class Idle(Pixels):
+        def describe(self, images):
+            raise AssertionError
+
+    with pytest.raises(UserError, match="has a table"):
+        look_up(*rides, tmp_path / "out", Idle(), places="csv")
+    monkeypatch.setattr(matching, "LARGEST_RIDES", 35)
+    with pytest.raises(UserError, match="6 queries x 6 map images are more than 35"):
+        look_up(*rides, tmp_path / "out", Idle(), sequence=2)
+
+
+def test_any_tolerance_is_one(rides, tmp_path):
+    _, told = look_up(*rides, tmp_path / "out", places="order", tolerance="2e9")
+    assert told["counts"]["right"] == 6
 
 
 def test_headings_that_are_not_known_are_not_compared_and_that_is_said(tmp_path):
@@ -512,7 +545,9 @@ def test_pages_of_the_gallery_are_no_photos_and_old_ones_go(rides, tmp_path, mon
     assert len(list(night.glob("matches_page*.png"))) == 3
     for k in (0, 1, 2, 3):
         (night / f"{k:03d}.png").unlink()
+    (night / "matches_page_of_mine.svg.png").write_bytes(b"the user's")
     _, second = look_up(day, night, night)
+    (night / "matches_page_of_mine.svg.png").unlink()  # not deleted by the command
     assert (first["queries"]["photos"], second["queries"]["photos"]) == (6, 2)
     assert [path.name for path in night.glob("matches_page*.png")] == ["matches_page1.png"]
 

@@ -75,3 +75,19 @@ def test_what_it_cannot_do() -> None:
         whitened(world(10, 2, 8), 3, shrinkage=0)
     with pytest.raises(ValueError, match="9 are asked for"):
         whitened(world(10, 2, 8), 9)
+    with pytest.raises(ValueError, match=r"2 components .* 3 are asked for"):
+        whitened(world(10, 2, 8), 3, components=2)
+    with pytest.raises(ValueError, match="of no place differ"):
+        whitened(world(10, 1, 8).expand(-1, 2, -1), 3)
+
+
+def test_a_dead_channel_leaves_the_last_row_empty() -> None:
+    """The features vary in one direction less than numbers come out."""
+    features = world(40, 2, 8)
+    dead = torch.cat([features[..., :5], torch.zeros(40, 2, 1), features[..., 5:]], dim=2)
+    weight, bias = whitened(dead, 9)
+    assert weight.shape == (9, 9)
+    assert not weight[8].any()
+    assert bias[8] == 0
+    alive, _ = whitened(features, 8)
+    torch.testing.assert_close((dead @ weight.T)[..., :8].abs(), (features @ alive.T).abs(), atol=1e-3, rtol=1e-3)

@@ -120,6 +120,11 @@ def test_the_last_layer_is_solved_for_after_the_last_epoch(folder, tmp_path):
 def test_too_few_images_to_solve_for_the_last_layer_are_told_before_training(folder, tmp_path):
     with pytest.raises(UserError, match=r"task.whitening: 96 training images.*\n.*task.dimension=95"):
         execute(config(folder, tmp_path, "task.whitening={components: 256, shrinkage: 1.0}"))
+    with pytest.raises(UserError, match=r"components=8 must be at least task.dimension=16"):
+        execute(config(folder, tmp_path, "task.whitening={components: 8, shrinkage: 1.0}", "task.dimension=16"))
+    few = ["task.whitening={components: 40, shrinkage: 1.0}", "task.dimension=40", "pooling=average"]
+    with pytest.raises(UserError, match=r"the pooling gives 32 numbers.*\n.*task.dimension=32"):
+        execute(config(folder, tmp_path, *few, "backbone.widths=[8, 8, 8, 32]"))
     with pytest.raises(UserError, match=r"test_checkpoint=best needs task.whitening=null"):
         execute(config(folder, tmp_path, "task.whitening={components: 8, shrinkage: 1}", "task.test_checkpoint=best"))
 

@@ -3,7 +3,6 @@
 What is looked up before training imports nothing heavy.
 """
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sextant.config.schema.places import OffTheShelf
+from sextant.data.source import file_sha256
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
             f"Give the state dict of a {shelf.network}, or weights: imagenet, which are fetched. "
             "For a run of Sextant, or a published .pth.tar, leave out network.",
         )
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return file_sha256(path)
 
 
 def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path) -> "tuple[str, NetworkLayer]":

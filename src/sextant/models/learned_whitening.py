@@ -16,6 +16,7 @@ as in J. H. Friedman, "Regularized discriminant analysis", JASA 1989.
 """
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float, Int64
 from torch import Tensor
 
@@ -30,6 +31,8 @@ def learned_whitening(
 ) -> tuple[Float[Tensor, "k d"], Float[Tensor, "k"]]:
     """Weight and bias of the map, as a linear layer takes them; see the module.
 
+    Where the features vary in fewer directions than come out (channels may be dead), the last rows are zero.
+
     Args:
         features: of places, each seen under two or more conditions.
         place: of each image, from 0 on without gaps.
@@ -38,31 +41,34 @@ def learned_whitening(
         shrinkage: γ, above 0.
 
     Raises:
-        ValueError: a place has a single image, the features span fewer directions than come out, or the shrinkage is
-            not above 0.
+        ValueError: a place has a single image, ``components``, features or images are fewer than what comes out, the
+            features of no place differ, or the shrinkage is not above 0.
     """
     images = place.bincount()
     if len(images) == 0 or int(images.min()) < 2 or not shrinkage > 0:
         raise ValueError(f"need two or more images of every place, and a shrinkage above 0, got {shrinkage}")
     mean = features.float().mean(0)
     centred = features.float() - mean
-    axes = _principal_axes(centred, min(components, features.shape[1], len(features) - 1))
-    if axes.shape[1] < dimension:
+    most = min(components, features.shape[1], len(features) - 1)
+    if most < dimension:
         raise ValueError(
-            f"{len(features)} images with {features.shape[1]} features span {axes.shape[1]} directions; "
-            f"{dimension} are asked for"
+            f"{components} components of {len(features)} images with {features.shape[1]} features span {most} "
+            f"directions at most; {dimension} are asked for"
         )
+    axes = _principal_axes(centred, most)
     y = (centred @ axes.float()).double()
     centre = y.new_zeros(len(images), y.shape[1]).index_add_(0, place, y) / images[:, None]
     apart = y - centre[place]
     within, between = apart.T @ apart / len(apart), centre.T @ centre / len(centre)
+    if not within.diagonal().sum() > 0:
+        raise ValueError("the features of no place differ between its images, or they are not finite")
     within += shrinkage * within.diagonal().mean() * torch.eye(len(within), dtype=within.dtype, device=within.device)
     # with the lifted S_W = L L', the problem is an ordinary one in L' v
     lower = torch.linalg.cholesky(within)
     half = torch.linalg.solve_triangular(lower, between, upper=False)
     _, vectors = torch.linalg.eigh(torch.linalg.solve_triangular(lower, half.T, upper=False))
     directions = torch.linalg.solve_triangular(lower.T, vectors[:, -dimension:].flip(1), upper=True)
-    weight = (axes @ directions).T.float().contiguous()
+    weight = F.pad((axes @ directions).T.float(), (0, 0, 0, dimension - directions.shape[1])).contiguous()
     return weight, -(weight @ mean)
 
 

@@ -115,16 +115,26 @@ def describe_all(methods: Mapping[str, PlaceDescriptor], images: PlaceImages) ->
 def training_pairs(
     train: PlaceImages, reference: str, query: str, tolerance: PlaceTolerance
 ) -> tuple[Int64[ndarray, "p"], Int64[ndarray, "p"]]:
-    """One image of each training place under both conditions: of several positives the one next in frame number."""
+    """One image of each training place under both conditions: of several positives the next.
+
+    Next in frame number, or in position where frames of two traverses have nothing to do with each other.
+    """
     first, second = train.rows_of(reference), train.rows_of(query)
     matrix = train.positives(first, second, tolerance)
     pairs = []
     for row, image in enumerate(first):
         partners = second[matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]]]
         if len(partners):
-            pairs.append((image, partners[np.abs(train.frame[partners] - train.frame[image]).argmin()]))
+            pairs.append((image, partners[_apart(train, partners, image).argmin()]))
     columns = np.array(pairs, np.int64).reshape(-1, 2)
     return columns[:, 0], columns[:, 1]
+
+
+def _apart(train: PlaceImages, partners: Int64[ndarray, "k"], image: int) -> ndarray:
+    """How far images are from one, in frames if these are aligned, else in metres."""
+    if train.aligned or train.position_m is None:
+        return np.asarray(np.abs(train.frame[partners] - train.frame[image]))
+    return np.asarray(np.linalg.norm(train.position_m[partners] - train.position_m[image], axis=1))
 
 
 @torch.no_grad()

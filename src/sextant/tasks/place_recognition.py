@@ -13,7 +13,7 @@ from torch.nn.utils import clip_grad_norm_
 from torch.optim import Optimizer
 
 from sextant.data.places import PlaceImages, PlaceTolerance
-from sextant.data.places.batches import PlaceBatch
+from sextant.data.places.batches import PlaceBatch, PlaceBatchImages
 from sextant.data.places.datamodule import PlaceData
 from sextant.data.places.relation import batch_places, places_of
 from sextant.evaluation.positives import Positives
@@ -132,8 +132,9 @@ class PlaceRecognition(pl.LightningModule):
         count = max(1, images // 3)
         chosen, self._mined = self._mined[:count], self._mined[count:]
         rows, triplets = gathered(chosen)
-        found = torch.from_numpy(train.images[rows.numpy()]).permute(0, 3, 1, 2)
-        return found.to(self.device).float() / 255, triplets.to(self.device)
+        numbers = rows + self.trainer.current_epoch * len(train)
+        images_of = PlaceBatchImages(train, self._data.augmentation, self.seed)
+        return images_of[numbers].to(self.device).images_in_unit_range(), triplets.to(self.device)
 
     @torch.no_grad()
     def _describe_training(self) -> Tensor:

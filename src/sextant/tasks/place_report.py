@@ -1,5 +1,6 @@
 """The trained descriptor beside all others on the test split: figures of merit, arrays by query, table, pictures."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -146,6 +147,8 @@ def temperature(
     if elsewhere is not None:
         similarities = np.hstack([similarities, unit[query] @ unit_norm(elsewhere).T])
         found.resize((len(query), similarities.shape[1]))
+    if np.ptp(similarities) == 0:  # a network that gives all images one descriptor: any temperature is as good
+        return 1.0
     return fit_temperature(similarities, Positives.from_sparse(found))
 
 
@@ -186,8 +189,8 @@ def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior]) -> dic
 
 
 def logged_name(metric: str) -> str:
-    """The name of a figure of the test where it is logged; MLflow allows neither @ nor =."""
-    return f"test/{metric.replace('@', '_at_').replace('=', '_')}"
+    """The name of a figure of the test where it is logged; MLflow allows no @, = or +, and few other signs."""
+    return "test/" + re.sub(r"[^\w.\- ]", "_", metric.replace("@", "_at_"))
 
 
 def ceilings(reports: list[QueryReport]) -> dict[str, float]:

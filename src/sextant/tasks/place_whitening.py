@@ -43,10 +43,7 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
     Raises:
         UserError: too few training places are seen under two conditions, or the pooling gives too few numbers.
     """
-    rows, place = images_by_place(train, tolerance)
-    step = -(-len(rows) // MOST)
-    kept = place % step == 0
-    rows, place = rows[kept], place[kept] // step
+    rows, place = _looked_at(train, tolerance)
     device, training = next(network.parameters()).device, network.training
     network.eval()
     features = []
@@ -71,8 +68,8 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
 def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
     """Rows of images, and the place of each, from 0 on: an image of the first condition and its positives of others.
 
-    Of several positives under one condition the one next in frame number is taken. Images of the first condition that
-    have none are left out.
+    Of several positives under one condition the next is taken, as in ``training_pairs``. Images of the first condition
+    that have none are left out.
     """
     first, *others = train.conditions
     anchors = {int(row): [int(row)] for row in train.rows_of(first)}
@@ -84,9 +81,17 @@ def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int6
     return np.array([row for rows in places for row in rows], np.int64), place
 
 
+def _looked_at(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
+    """As :func:`images_by_place`; of very many places every second, third, ... one."""
+    rows, place = images_by_place(train, tolerance)
+    step = max(1, -(-len(rows) // MOST))
+    kept = place % step == 0
+    return rows[kept], place[kept] // step
+
+
 def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int) -> None:
     """Raise a ``UserError`` if the training split cannot span ``dimension`` directions; to be told before training."""
-    rows, _ = images_by_place(train, tolerance)
+    rows, _ = _looked_at(train, tolerance)
     if len(rows) - 1 < dimension:
         raise UserError(
             f"task.whitening: {len(rows)} training images show a place that is seen under two conditions; for "

@@ -128,6 +128,8 @@ def test_a_store_numbers_conditions_in_one_byte():
     assert len(factor_conditions("summer_noon", {"fog_per_m": values})) == MOST_CONDITIONS
     with pytest.raises(UserError, match="125 are possible"):
         factor_conditions("summer_noon", {"fog_per_m": values, "snow": [1.0]})
+    with pytest.raises(UserError, match="no value beside those of summer_noon"):
+        factor_conditions("summer_noon", {"snow": [0.0]})
 
 
 def test_the_dataset_that_is_shipped_is_small_and_of_the_towns_that_networks_are_trained_on():

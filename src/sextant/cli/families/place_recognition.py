@@ -116,6 +116,12 @@ class PlaceRecognitionFamily(Family):
             normalise=task["normalise"],
             in_channels=spec["channels"],
         )
+        if training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
+            raise UserError(
+                f"task.whitening: the pooling gives {network.pooling.features} numbers, and task.dimension="
+                f"{task['dimension']} are asked for",
+                f"task.whitening=null, or task.dimension={network.pooling.features} or less",
+            )
         return PlaceRecognition(
             network,
             PlaceSpec(spec["channels"], *size),
@@ -130,9 +136,13 @@ class PlaceRecognitionFamily(Family):
     def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: "PlaceSource") -> None:
         """Raise a ``UserError`` unless the images have the shape of training, and all splits are there that are needed.
 
-        The temperature of the posterior is fitted on the validation split, and baselines learn from the training split.
+        The temperature of the posterior is fitted on the validation split, unless recall against factors is all that is
+        told; and baselines learn from the training split.
         """
-        source.files("val")
+        from sextant.tasks.place_invariance import has_factors
+
+        if not has_factors(source.conditions("test")):
+            source.files("val")
         if raw["task"]["baselines"]:
             try:
                 source.files("train")
@@ -161,12 +171,9 @@ class PlaceRecognitionFamily(Family):
             return _factors_record(config, module, data)
         network, own = module.network.eval(), result.descriptors
         data.setup("validate")
-        train = None
-        if task.baselines:
-            data.setup("fit")
-            train = data.split("train")
+        train = _training_split(data)
         described, shelf_left_out = {report.NETWORK: own}, dict[str, str]()
-        if train is not None:
+        if task.baselines and train is not None:
             shelf, shelf_left_out = learnt(_shelf(config, module), train, result.places.conditions[0])
             untrained = {"untrained network": _untrained(config, module, result.places)}
             described = describe_all(shelf, result.places) | untrained | described
@@ -174,7 +181,7 @@ class PlaceRecognitionFamily(Family):
             found = report.compare(
                 described,
                 result.places,
-                train,
+                train if task.baselines else None,
                 data.test_tolerance,
                 sequence_length=task.sequence_length,
                 size=BASELINE_SIZE,
@@ -203,6 +210,15 @@ class PlaceRecognitionFamily(Family):
                 "baselines_left_out": {each.protocol.query: each.left_out | shelf_left_out for each in found},
             },
         )
+
+
+def _training_split(data: "PlaceData") -> Any:
+    """The training images; None where a model is tested on data that has none."""
+    try:
+        data.setup("fit")
+    except UserError:
+        return None
+    return data.split("train")
 
 
 def _can_train_on(source: Source) -> None:

@@ -1,5 +1,6 @@
 """Pages of queries with their matches."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ QUERIES, ON_A_PAGE = 40, 8
 MATCHES = 5
 LONGEST_SIDE = 200  # pixels
 TITLE = 26  # characters of a name
+#: names of the pages; others that begin alike are not ours
+PAGE = re.compile(r"matches_page\d+\.png")
 
 
 def write_gallery(
@@ -49,7 +52,8 @@ def write_gallery(
         progress(number, len(pages))
     with telling_write_errors(output):
         for old in set(output.glob("matches_page*.png")) - set(paths):
-            old.unlink()
+            if PAGE.fullmatch(old.name):
+                old.unlink()
     return paths
 
 

@@ -60,7 +60,9 @@ def known_places(
     tolerance = PlaceTolerance(unit, **getattr(test_tolerance, unit).model_dump())
     chosen = 0.0 if options.tolerance is None and options.places == "none" else options.tolerance
     if chosen is not None:
-        tolerance = replace(tolerance, positive=chosen, negative=max(tolerance.negative, math.nextafter(chosen, 1e9)))
+        tolerance = replace(
+            tolerance, positive=chosen, negative=max(tolerance.negative, math.nextafter(chosen, math.inf))
+        )
     if options.places == "none":
         frames = _ride_frames(reference.photos.names)[reference.rows]
         return KnownPlaces(tolerance, Positives.within_frames(frames, frames, math.floor(tolerance.positive)), None)
@@ -71,6 +73,12 @@ def known_places(
     of_map, of_queries = reference.rows, len(reference.photos) + queries.rows
     same = Positives.from_sparse(images.positives(of_map, of_map, tolerance))
     return KnownPlaces(tolerance, same, Positives.from_sparse(images.positives(of_queries, of_map, tolerance)), remark)
+
+
+def check_truth(reference: PhotoFolder, queries: PhotoFolder, options: PlaceOptions) -> None:
+    """Raise a ``UserError`` if the photos lack what ``places=`` names; told before any of them is described."""
+    if options.places != "none":
+        _placed(reference, queries, options)
 
 
 def _placed(reference: PhotoFolder, queries: PhotoFolder, options: PlaceOptions) -> PlaceImages:
@@ -107,9 +115,10 @@ def _placed(reference: PhotoFolder, queries: PhotoFolder, options: PlaceOptions)
 def _poses(key: str, photos: PhotoFolder, options: PlaceOptions) -> list[Pose]:
     if options.places == "utm":
         return utm_poses(photos.paths, key)
+    paths = [photos.folder.resolve() / name for name in photos.names]
     for folder in (photos.folder, photos.folder.absolute().parent):
         if (folder / TABLE).is_file():
-            return table_poses(photos.paths, photos.folder, folder / TABLE, key)
+            return table_poses(paths, photos.folder, folder / TABLE, key)
     raise UserError(
         f"places=csv: neither {key}={photos.folder} nor the folder around it has a table {TABLE}",
         "Write one with the columns file,x,y or file,x,y,heading; or choose another places=: utm, name, order.",

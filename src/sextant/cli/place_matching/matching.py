@@ -103,10 +103,15 @@ def _probabilities(scores: Float64[ndarray, "n"], places: list[ndarray]) -> list
 def _by_sequences(reference: FlatIndex, queries: FlatIndex, k: int, length: int | None) -> SequenceMatches | None:
     if length is None:
         return None
-    if len(queries) * len(reference) > LARGEST_RIDES:
+    check_rides(len(reference), len(queries), length)
+    return match_sequences(queries.references.rows @ reference.references.rows.T, k, length=length)
+
+
+def check_rides(reference: int, queries: int, length: int | None) -> None:
+    """Raise a ``UserError`` if so many images are too many to be matched by sequences."""
+    if length is not None and queries * reference > LARGEST_RIDES:
         raise UserError(
-            f"sequence={length} needs the similarities of all pairs, and {len(queries):,} queries x "
-            f"{len(reference):,} map images are more than {LARGEST_RIDES:,}",
+            f"sequence={length} needs the similarities of all pairs, and {queries:,} queries x "
+            f"{reference:,} map images are more than {LARGEST_RIDES:,}",
             "Give a part of the queries at a time, or leave sequence= out.",
         )
-    return match_sequences(queries.references.rows @ reference.references.rows.T, k, length=length)

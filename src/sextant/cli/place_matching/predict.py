@@ -12,9 +12,9 @@ from sextant.cli.place_matching.describing import (
     describe_photos,
 )
 from sextant.cli.place_matching.gallery_pages import write_gallery
-from sextant.cli.place_matching.inputs import PlaceInputs, refuse_overlap
-from sextant.cli.place_matching.known_places import KnownPlaces, known_places
-from sextant.cli.place_matching.matching import match
+from sextant.cli.place_matching.inputs import PhotoFolder, PlaceInputs, refuse_overlap
+from sextant.cli.place_matching.known_places import KnownPlaces, check_truth, known_places
+from sextant.cli.place_matching.matching import check_rides, match
 from sextant.cli.place_matching.options import PlaceOptions
 from sextant.cli.place_matching.rows import counts, query_rows
 from sextant.cli.place_matching.run_facts import Temperature
@@ -89,12 +89,20 @@ def _map(network: PlaceDescriber, inputs: PlaceInputs) -> DescribedPhotos:
     if isinstance(inputs.reference, Path):
         reference = load_map(inputs.reference, network.model)
         refuse_overlap(reference.photos, inputs.queries)
+        _check(reference.photos, inputs)
         return reference
+    _check(inputs.reference, inputs)
     with work_progress("describing the map", "photos") as progress:
         reference = describe_photos(network, inputs.reference, "map", progress)
     if inputs.options.descriptors:
         save_map(reference, network.model, inputs.output / "map")
     return reference
+
+
+def _check(reference: PhotoFolder, inputs: PlaceInputs) -> None:
+    """Raise a ``UserError`` for what is wrong with the photos as a whole; to be told before they are described."""
+    check_truth(reference, inputs.queries, inputs.options)
+    check_rides(len(reference), len(inputs.queries), inputs.options.sequence)
 
 
 def _remarks(

@@ -198,7 +198,7 @@ class PlaceAugmentation(Node):
     brightness: NonNegative = Field(examples=[0.3])
     contrast: NonNegative = Field(examples=[0.3])
     shift: float = Field(ge=0, lt=0.5, examples=[0.05])
-    mirror: bool
+    mirror: bool = False
 
 
 class OffTheShelf(Node):

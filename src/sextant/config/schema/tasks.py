@@ -50,7 +50,7 @@ class PlaceRecognitionTask(Node):
     shared_conditions: list[str] = Field(examples=["[summer_noon]"])
     augmentation: PlaceAugmentation
     clip: Positive = Field(examples=[1.0])
-    whitening: Whitening | None
+    whitening: Whitening | None = None
     sequence_length: Count = Field(examples=[10])
     baselines: bool
     off_the_shelf: OffTheShelf | None = None
@@ -61,6 +61,11 @@ class PlaceRecognitionTask(Node):
         if self.whitening is not None and self.test_checkpoint == "best":
             raise ValueError(
                 "whitening is solved for after the last epoch: test_checkpoint=best needs task.whitening=null"
+            )
+        if self.whitening is not None and self.whitening.components < self.dimension:
+            raise ValueError(
+                f"task.whitening.components={self.whitening.components} must be at least task.dimension="
+                f"{self.dimension}"
             )
         return self
 

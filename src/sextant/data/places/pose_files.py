@@ -161,7 +161,7 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
             "Add rows of file,x,y, with paths relative to the table's folder, or take these images away.",
         )
     own = [name for name in poses if inside == Path() or name.startswith(f"{inside.as_posix()}/")]
-    absent = sorted(set(own) - set(names))
+    absent = sorted(name for name in set(own) - set(names) if not (table.parent / name).is_file())
     if absent:
         raise UserError(
             f"{key}: {len(absent):,} rows of {table} have no image\n{problem_list(absent)}",

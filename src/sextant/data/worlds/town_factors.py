@@ -22,7 +22,8 @@ def factor_conditions(base: str, factors: Mapping[str, Sequence[float]]) -> list
     """What is rendered: the map, the same appearance on another drive, and ``<factor>=<value>`` for every other value.
 
     Raises:
-        UserError: there is no such condition or factor, a value is out of range or twice there, or they are too many.
+        UserError: there is no such condition or factor, a value is out of range or twice there, or they are too many or
+            none but the map's own.
     """
     look = condition(base)
     conditions: list[Any] = [base, {"name": f"{base}_again", "condition": base}]
@@ -37,6 +38,11 @@ def factor_conditions(base: str, factors: Mapping[str, Sequence[float]]) -> list
             for name, value in zip(names, values, strict=True)
             if name != own
         ]
+    if len(conditions) == 2:
+        raise UserError(
+            f"dataset.factors={dict(factors)} has no value beside those of {base}, which the map has",
+            "For example 'dataset.factors.fog_per_m=[0.01,0.04]'",
+        )
     if len(conditions) > MOST_CONDITIONS:
         raise UserError(
             f"dataset.factors has {len(conditions) - 2} values in all; {MOST_CONDITIONS - 2} are possible",
