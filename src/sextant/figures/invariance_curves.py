@@ -14,6 +14,8 @@ def invariance_curves(
     factors: Mapping[str, Mapping[str, FactorRecall]],
     reference: Mapping[str, float] | None = None,
     metric: str = "recall@1",
+    *,
+    title: str = "",
 ) -> Figure:
     """One panel a factor, one curve a method with its 95 % interval as a band.
 
@@ -21,6 +23,7 @@ def invariance_curves(
         factors: by the factor's name (with its unit), then by method.
         reference: value of a factor in the reference images, marked by a vertical line.
         metric: name of the vertical axis.
+        title: over all panels, such as the protocol.
 
     Raises:
         ValueError: there is no factor.
@@ -50,6 +53,8 @@ def invariance_curves(
     ]
     if reference:
         handles += panels[0].plot([], [], ":", color="0.4", label="in the reference images")
+    if title:
+        figure.suptitle(title, fontsize=10)
     columns_of_legend = max(1, min(len(handles), 2 * columns))
     figure.legend(handles=handles, loc="outside lower center", ncols=columns_of_legend, frameon=False, fontsize=8)
     return figure

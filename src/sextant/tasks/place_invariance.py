@@ -125,7 +125,8 @@ def invariance_table(found: Invariance) -> list[dict[str, str]]:
 
 
 def invariance_figure(found: Invariance) -> "Figure":
-    """A panel a factor, a curve a method, and a line at the map's own value."""
+    """A panel a factor, a curve a method, the network first, and a line at the map's own value."""
     from sextant.figures.invariance_curves import invariance_curves
 
-    return invariance_curves(found.curves, found.own, found.metric)
+    curves = {factor: dict(reversed(list(methods.items()))) for factor, methods in found.curves.items()}
+    return invariance_curves(curves, found.own, title=found.metric)
