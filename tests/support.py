@@ -1,5 +1,6 @@
 """What several tests need."""
 
+import errno
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,18 @@ QUICK = (
 def quick_config(outputs: Path, *overrides: str) -> dict[str, Any]:
     """The plain config of a quick run that writes to ``outputs``."""
     return to_plain(compose([*QUICK, f"paths.outputs={outputs}", *overrides]))
+
+
+def fill_disk(monkeypatch, name):
+    """The disk is full when a file of this name is to be written."""
+    replace = Path.replace
+
+    def refusing(path, target):
+        if target.name == name:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", refusing)
 
 
 def as_published(network, path, push_pull=(), prefix="", **changes):

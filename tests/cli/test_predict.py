@@ -1,11 +1,10 @@
-import errno
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from PIL import Image
+from support import fill_disk
 
 from sextant.cli import predict
 from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
@@ -90,14 +89,7 @@ def test_classes_are_written(tmp_path, picture, classifier, capsys):
 
 @pytest.mark.parametrize("name", ["predictions.json", "predictions.csv"])
 def test_a_full_disk_while_classes_are_written(tmp_path, picture, classifier, monkeypatch, name):
-    replace = Path.replace
-
-    def refusing(path, target):
-        if target.name == name:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return replace(path, target)
-
-    monkeypatch.setattr(Path, "replace", refusing)
+    fill_disk(monkeypatch, name)
     with pytest.raises(UserError, match="the disk is full"):
         predict.main(["run=x", f"input={picture}", f"output={tmp_path / 'out'}"])
     assert not (tmp_path / "out" / name).exists()

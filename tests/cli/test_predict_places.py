@@ -1,12 +1,10 @@
 """Photos looked up in a map: with a network trained here, and with a descriptor that is pixels."""
 
 import csv
-import errno
 import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.ndimage import gaussian_filter
+from support import fill_disk
 
 from sextant.cli import predict
 from sextant.cli.compose import compose, to_plain
@@ -525,14 +524,7 @@ def test_ctrl_c_keeps_the_map_and_leaves_nothing_half_written(rides, tmp_path):
 
 @pytest.mark.parametrize("name", ["matches.csv", "matches.json", "map.json", "descriptors.npy"])
 def test_a_full_disk(rides, tmp_path, monkeypatch, name):
-    replace = Path.replace
-
-    def refusing(path, target):
-        if target.name == name:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return replace(path, target)
-
-    monkeypatch.setattr(Path, "replace", refusing)
+    fill_disk(monkeypatch, name)
     with pytest.raises(UserError, match="the disk is full"):
         look_up(*rides, tmp_path / "out", descriptors="true")
 

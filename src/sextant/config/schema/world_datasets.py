@@ -8,10 +8,9 @@ from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples
 
 
-class TownSeasons(Part):
-    """The same streets under several conditions."""
+class _Drives(Part):
+    """Drives through a town with a camera."""
 
-    target: Literal["sextant.data.worlds.TownSeasons"] = Field(alias="_target_")
     frames: BySplit
     step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
     lateral_sigma_m: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.3])
@@ -20,6 +19,12 @@ class TownSeasons(Part):
     height: ImageSide = Field(examples=[64])
     vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
     samples: Samples = Field(examples=[4])
+
+
+class TownSeasons(_Drives):
+    """The same streets under several conditions."""
+
+    target: Literal["sextant.data.worlds.TownSeasons"] = Field(alias="_target_")
     conditions: Conditions
     block_m: BlockSide = Field(examples=[90.0])
     trajectories: FileBySplit
@@ -33,19 +38,11 @@ class TestedPlaces(Node):
     test: Count = Field(examples=[100])
 
 
-class TownFactors(Part):
+class TownFactors(_Drives):
     """One drive under appearances that differ in one factor."""
 
     target: Literal["sextant.data.worlds.TownFactors"] = Field(alias="_target_")
-    frames: BySplit
     places: TestedPlaces
-    step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
-    lateral_sigma_m: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.3])
-    heading_sigma_deg: Annotated[float, Field(ge=0, le=20)] = Field(examples=[2.0])
-    width: ImageSide = Field(examples=[96])
-    height: ImageSide = Field(examples=[64])
-    vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
-    samples: Samples = Field(examples=[4])
     base: str = Field(examples=["summer_noon"])
     factors: dict[str, Annotated[list[float], Field(min_length=1)]] = Field(
         min_length=1, examples=["{fog_per_m: [0.01,0.04]}"]
