@@ -8,7 +8,11 @@ from rich.table import Table
 
 from benchmarks.machine import describe_machine
 
-NAMES = ("start_up", "training_loop", "skip_cell", "worlds", "crops", "photos", "push_pull", "corruptions", "retrieval")
+NAMES = (
+    *("start_up", "training_loop", "skip_cell", "worlds", "crops", "photos"),
+    *("push_pull", "corruptions", "retrieval", "describe"),
+    *("local_gp", "particle_filter"),
+)
 
 
 def main(names: list[str]) -> None:

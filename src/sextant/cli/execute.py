@@ -70,6 +70,10 @@ def identity_of(config: Config) -> dict[str, Any]:
         from sextant.cli.off_the_shelf import weights_identity
 
         typed["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
+    if config.descriptor is not None:
+        from sextant.cli.descriptors import descriptor_identity
+
+        typed["descriptor"] = descriptor_identity(typed["descriptor"], Path(config.paths.outputs))
     if isinstance(config.corruption, StoredSuite):
         from sextant.corruptions.stored_suite import folder_identity
 

@@ -18,9 +18,13 @@ from sextant.evaluation.corruption_error import (
     error_rate,
 )
 from sextant.evaluation.flip_probability import flip_probability, mean_flip_probability
+from sextant.evaluation.localization_success import ConvergenceSummary, global_localization, recovery_after
 from sextant.evaluation.multiplicity import holm
 from sextant.evaluation.paired import PairedDifference, mean_interval, paired_difference
-from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, classification_converged
+from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.pose_posterior import PosteriorCalibration, nees, particle_nll, posterior_calibration
+from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, LocalizationProtocol, classification_converged
+from sextant.evaluation.trajectory_error import ErrorStatistics, absolute_errors, relative_errors
 
 __all__ = [
     "ALEXNET_CIFAR10_C",
@@ -29,20 +33,34 @@ __all__ = [
     "BENCHMARK_15",
     "CORRUPTION_FAMILIES",
     "SEEDS_FOR_A_CLAIM",
+    "ConvergenceSummary",
     "CorruptionBaseline",
     "CorruptionDifferences",
     "CorruptionErrors",
     "CorruptionScore",
+    "CountRatio",
+    "ErrorStatistics",
+    "LocalizationProtocol",
     "PairedDifference",
+    "PosteriorCalibration",
+    "absolute_errors",
     "classification_converged",
     "corruption_differences",
     "corruption_score",
     "error_rate",
     "flip_probability",
+    "global_localization",
     "holm",
     "mean_flip_probability",
     "mean_interval",
+    "needed_ratio",
+    "nees",
     "paired_difference",
+    "particle_nll",
+    "particles_needed",
+    "posterior_calibration",
     "read_baseline",
+    "recovery_after",
+    "relative_errors",
     "write_baseline",
 ]

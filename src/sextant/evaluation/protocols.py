@@ -1,5 +1,8 @@
 """The definitions that results rest on, fixed here before any result exists."""
 
+from dataclasses import dataclass
+from typing import Literal
+
 #: A claim needs this many seeds; fewer is labelled exploratory. With 5 a sign test cannot go below p = 0.0625.
 SEEDS_FOR_A_CLAIM = 8
 
@@ -31,3 +34,61 @@ CONVERGED_TIMES_CHANCE = 3.0
 def places_converged(recall_at_1: float, chance: float) -> bool:
     """Whether a trained descriptor learnt at all: ``recall@1 >= min(3 chance, (1 + chance) / 2)``."""
     return recall_at_1 >= min(CONVERGED_TIMES_CHANCE * chance, (1 + chance) / 2)
+
+
+@dataclass(frozen=True)
+class LocalizationProtocol:
+    """What it means to know where one is; the terms of every table about localization.
+
+    ======================= ===========================================================================================
+    within (at a frame)     position error ``<= position`` and heading error ``<= heading_deg``
+    converged at t          the first t such that the frames t .. t + ``frames`` - 1 are all within
+    success (of a run)      converged at some t within the drive, or at some t <= a stated horizon
+    recovered (kidnap at k) converged at some t with k <= t <= k + a stated horizon; the time it took is t - k
+    tracking                share of the frames that are within, from the one where the run converged to the last
+    lost                    the run never converged, or the estimated mode holds less than ``MODE_MASS`` of the weight
+    ======================= ===========================================================================================
+
+    A frame without an estimate, whose errors are nan, is not within.
+
+    Attributes:
+        position: greatest position error: metres, or frames on a railway.
+        heading_deg: greatest heading error in degrees; None where there is no heading.
+        frames: this many frames running must be within.
+        unit: of ``position``.
+
+    Raises:
+        ValueError: a limit is not positive.
+    """
+
+    position: float
+    heading_deg: float | None
+    frames: int
+    unit: Literal["m", "frames"] = "m"
+
+    def __post_init__(self) -> None:
+        limits = (self.position, self.frames, 1 if self.heading_deg is None else self.heading_deg)
+        if not all(0 < limit < float("inf") for limit in limits):
+            raise ValueError(f"the limits of a localization protocol must be positive and finite, got {self}")
+
+    def name(self, metric: str) -> str:
+        """A metric's name with the limits it rests on: ``success_0.5m_10deg_10f``."""
+        heading = "" if self.heading_deg is None else f"_{self.heading_deg:g}deg"
+        unit = "m" if self.unit == "m" else "frames"
+        return f"{metric}_{self.position:g}{unit}{heading}_{self.frames}f"
+
+
+#: One floor of an office, walked by a robot or a person.
+OFFICE_LOCALIZATION = LocalizationProtocol(0.5, 10.0, 10)
+#: Streets: the tightest of the usual limits under changing seasons (5 m), with heading.
+TOWN_LOCALIZATION = LocalizationProtocol(5.0, 20.0, 10)
+CITY_LOCALIZATION = TOWN_LOCALIZATION
+#: A railway, where a position is a frame of the reference ride; every tenth second of it, some 230 m at full speed.
+NORDLAND_LOCALIZATION = LocalizationProtocol(2.0, None, 10, "frames")
+
+#: A run whose estimated mode holds less of the weight than this says itself that it is lost.
+MODE_MASS = 0.5
+#: Frames after a kidnap within which a run must have converged again, to count as recovered.
+RECOVERY_HORIZON = 60
+#: A particle count is enough from this share of successful seeds on.
+ENOUGH_SUCCESS = 0.95

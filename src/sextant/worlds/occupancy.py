@@ -124,8 +124,9 @@ def occupancy_from_scans(
     blank = _blank(bounds, resolution_m)
     odds = np.zeros(blank.cells.size, np.float32)
     shares = (np.arange(int(np.ceil(2 * ranges.max() / resolution_m))) * resolution_m / 2)[:, None]  # (steps, 1)
+    beyond = min(scanner.max_range_m, float(np.float32(scanner.max_range_m)))  # scans may have been kept in 32 bits
     for pose, end, reach in zip(poses, ends, ranges, strict=True):  # a scan at a time bounds the memory
-        hit = _flat(blank, end[reach < scanner.max_range_m])
+        hit = _flat(blank, end[reach < beyond])
         along = (end - pose[:2]) / np.maximum(reach, 1e-12)[:, None]
         points = pose[:2] + shares[..., None] * along  # (steps, beams, 2)
         passed = np.setdiff1d(_flat(blank, points[shares < reach]), hit)

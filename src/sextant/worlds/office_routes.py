@@ -1,4 +1,6 @@
-"""Drives of a robot through an office: from one random place to the next along shortest ways."""
+"""Drives of a robot through an office: from one place to the next along shortest ways."""
+
+from collections.abc import Callable
 
 import numpy as np
 import shapely
@@ -7,11 +9,14 @@ from numpy import ndarray
 from scipy.ndimage import uniform_filter1d
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from sextant.errors import UserError
 from sextant.worlds.office_plan import FloorPlan
 
 CELL_M, CLEARANCE_M, SMOOTH_M = 0.2, 0.5, 0.7
+#: of a drive through a mapped floor: how far from the mapping drive is off it, and how long a way there counts
+BESIDE_M, DETOUR = 0.4, 6.0
 
 
 def wander(plan: FloorPlan, length_m: float, step_m: float, rng: np.random.Generator) -> Float64[ndarray, "n 3"]:
@@ -20,6 +25,66 @@ def wander(plan: FloorPlan, length_m: float, step_m: float, rng: np.random.Gener
     Raises:
         UserError: a length is not positive, or the plan has no room to drive in.
     """
+    return _drive(plan, length_m, step_m, rng, lambda reachable, way, points: int(rng.choice(reachable)))
+
+
+def survey(plan: FloorPlan, length_m: float, step_m: float, rng: np.random.Generator) -> Float64[ndarray, "n 3"]:
+    """A drive to map the floor: always to the place farthest from all the way so far; then the whole way back.
+
+    So what is seen from somewhere on the way is seen in both directions.
+
+    Raises:
+        UserError: as for :func:`wander`.
+    """
+    out = _drive(plan, length_m / 2, step_m, rng, _farthest)
+    back = out[::-1] + np.array([0.0, 0.0, np.pi])
+    back[:, 2] = (back[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    return np.concatenate([out, back[1:]])
+
+
+def revisit(
+    plan: FloorPlan,
+    mapped: Float64[ndarray, "m 2"],
+    length_m: float,
+    step_m: float,
+    rng: np.random.Generator,
+) -> Float64[ndarray, "n 3"]:
+    """A drive about a floor that was mapped: between random places of the mapping drive, rather along it than off it.
+
+    A way through cells farther than ``BESIDE_M`` from the mapping drive counts ``DETOUR`` times its length.
+
+    Raises:
+        UserError: as for :func:`wander`.
+    """
+    tree = cKDTree(mapped)
+
+    def near(points: Float64[ndarray, "p 2"]) -> Bool[ndarray, "p"]:
+        return np.asarray(tree.query(points, distance_upper_bound=BESIDE_M)[0] <= BESIDE_M)
+
+    def choose(reachable: Int64[ndarray, "k"], way: Float64[ndarray, "w 2"], points: Float64[ndarray, "p 2"]) -> int:
+        on_the_way = reachable[near(points[reachable])]
+        return int(rng.choice(on_the_way if len(on_the_way) else reachable))
+
+    return _drive(plan, length_m, step_m, rng, choose, near)
+
+
+#: chooses the next place to drive to: among the numbers of the reachable ones, by the way so far and all points
+Choose = Callable[[Int64[ndarray, "k"], Float64[ndarray, "w 2"], Float64[ndarray, "p 2"]], int]
+
+
+def _farthest(reachable: Int64[ndarray, "k"], way: Float64[ndarray, "w 2"], points: Float64[ndarray, "p 2"]) -> int:
+    return int(reachable[cKDTree(way).query(points[reachable])[0].argmax()])
+
+
+def _drive(
+    plan: FloorPlan,
+    length_m: float,
+    step_m: float,
+    rng: np.random.Generator,
+    choose: Choose,
+    preferred: Callable[[Float64[ndarray, "p 2"]], Bool[ndarray, "p"]] | None = None,
+) -> Float64[ndarray, "n 3"]:
+    """Poses along shortest ways from one chosen place to the next."""
     for key, value in (("metres", length_m), ("step_m", step_m)):
         if not 0 < value < 1e6:
             raise UserError(
@@ -33,26 +98,28 @@ def wander(plan: FloorPlan, length_m: float, step_m: float, rng: np.random.Gener
     columns, rows = int((right - left) / CELL_M) + 1, int((top - bottom) / CELL_M) + 1
     x, y = np.meshgrid(left + CELL_M * np.arange(columns), bottom + CELL_M * np.arange(rows))
     free = shapely.contains_xy(room, x, y)
-    graph = _neighbours(free)
     places = np.flatnonzero(free)
-    way: list[int] = [int(rng.choice(places))]
     points = np.column_stack([x.ravel(), y.ravel()])
+    liked = np.ones(len(points), bool) if preferred is None else preferred(points)
+    graph = _neighbours(free, np.where(liked, 1.0, DETOUR))
+    starts = places[liked[places]]
+    way: list[int] = [int(rng.choice(starts if len(starts) else places))]
     driven = 0.0
     while driven < length_m + 2 * SMOOTH_M:
         distance, before = dijkstra(graph, indices=way[-1], return_predecessors=True)
         reachable = places[np.isfinite(distance[places]) & (distance[places] > 3)]
         if not len(reachable):
             raise UserError("office route: the free floor is too small to drive about in", "Use a larger size_m.")
-        leg = [int(rng.choice(reachable))]
+        leg = [choose(reachable, points[way], points)]
         while leg[-1] != way[-1]:
             leg.append(int(before[leg[-1]]))
-        driven += float(distance[leg[0]])
+        driven += float(np.linalg.norm(np.diff(points[leg], axis=0), axis=1).sum())
         way += leg[-2::-1]
     return _poses(points[way], length_m, step_m)
 
 
-def _neighbours(free: Bool[ndarray, "r c"]) -> coo_array:
-    """Distances in metres between free cells that touch, also at a corner."""
+def _neighbours(free: Bool[ndarray, "r c"], cost: Float64[ndarray, "n"]) -> coo_array:
+    """Distances in metres between free cells that touch, also at a corner, times the mean cost of the two."""
     rows, columns = free.shape
     index: Int64[ndarray, "r c"] = np.arange(rows * columns).reshape(rows, columns)
     starts, ends, metres = [], [], []
@@ -62,7 +129,7 @@ def _neighbours(free: Bool[ndarray, "r c"]) -> coo_array:
         both = free[here] & free[there]
         starts.append(index[here][both])
         ends.append(index[there][both])
-        metres.append(np.full(int(both.sum()), CELL_M * float(np.hypot(down, right))))
+        metres.append(CELL_M * float(np.hypot(down, right)) * (cost[starts[-1]] + cost[ends[-1]]) / 2)
     a, b, d = np.concatenate(starts), np.concatenate(ends), np.concatenate(metres)
     return coo_array((np.r_[d, d], (np.r_[a, b], np.r_[b, a])), shape=(free.size, free.size)).tocsr()
 

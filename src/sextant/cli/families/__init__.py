@@ -13,6 +13,10 @@ def family_of(task: str) -> Family:
         from sextant.cli.families.place_recognition import PlaceRecognitionFamily
 
         return PlaceRecognitionFamily()
+    if task == "localization":
+        from sextant.cli.families.localization import LocalizationFamily
+
+        return LocalizationFamily()
     from sextant.cli.families.classification import ClassificationFamily
 
     return ClassificationFamily()

@@ -5,6 +5,6 @@ everywhere: its arguments are then checked against its signature when it is buil
 """
 
 from sextant.config.schema.run import Config
-from sextant.config.schema.tasks import CalibrationTask, ClassificationTask, PlaceRecognitionTask
+from sextant.config.schema.tasks import CalibrationTask, ClassificationTask, LocalizationTask, PlaceRecognitionTask
 
-__all__ = ["CalibrationTask", "ClassificationTask", "Config", "PlaceRecognitionTask"]
+__all__ = ["CalibrationTask", "ClassificationTask", "Config", "LocalizationTask", "PlaceRecognitionTask"]

@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import Tag
 
 from sextant.config.schema.image_datasets import CIFAR10, MNIST, Digits, FashionMNIST, ImageFolder
+from sextant.config.schema.localization_datasets import PoseFolder
 from sextant.config.schema.panorama_datasets import PanoramaFolder, PanoramaMix, TownPanoramas
 from sextant.config.schema.parts import CustomPart, choose_part
 from sextant.config.schema.place_datasets import Nordland, PlaceFolders
@@ -25,6 +26,7 @@ Dataset = Annotated[
     | Annotated[OfficeWalk, Tag("sextant.data.worlds.OfficeWalk")]
     | Annotated[Nordland, Tag("sextant.data.places.Nordland")]
     | Annotated[PlaceFolders, Tag("sextant.data.places.PlaceFolders")]
+    | Annotated[PoseFolder, Tag("sextant.data.localization.PoseFolder")]
     | Annotated[CustomPart, Tag("custom")],
     choose_part(
         Digits,
@@ -41,5 +43,6 @@ Dataset = Annotated[
         OfficeWalk,
         Nordland,
         PlaceFolders,
+        PoseFolder,
     ),
 ]

@@ -9,6 +9,16 @@ from sextant.config.schema.cameras import BearingLoss, Parameterization, Paramet
 from sextant.config.schema.corruptions import CorruptionSuite, TestConditions
 from sextant.config.schema.datasets import Dataset
 from sextant.config.schema.environment import Paths, Tracking, Trainer
+from sextant.config.schema.faults import Fault, FaultSuite
+from sextant.config.schema.localization import (
+    Descriptor,
+    Likelihood,
+    Motion,
+    Observation,
+    ParticleFilter,
+    PoseKernel,
+    Recovery,
+)
 from sextant.config.schema.losses import Loss
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.optimization import Optimizer, Schedule
@@ -18,7 +28,10 @@ from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task
 
 #: groups that only some tasks use; those tasks need them, but for the ones that may be left out
+NETWORKS = ("classification", "calibration", "place_recognition")
 OWNED = {
+    "backbone": (NETWORKS, True),
+    "inhibition": (NETWORKS, True),
     "augmentation": (("classification",), False),
     "parameterization": (("calibration",), True),
     "loss": (("calibration", "place_recognition"), True),
@@ -26,6 +39,11 @@ OWNED = {
     "test_sampling": (("calibration",), False),
     "pooling": (("place_recognition",), True),
     "mining": (("place_recognition",), True),
+    "faults": (("localization",), False),
+    **dict.fromkeys(
+        ("descriptor", "kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault"),
+        (("localization",), True),
+    ),
 }
 #: losses of the tasks that have a choice of them
 LOSSES_OF: dict[str, tuple[type[Part], ...]] = {
@@ -39,14 +57,14 @@ class Config(Node):
 
     dataset: Dataset
     corruption: TestConditions
-    backbone: Backbone
-    inhibition: Inhibition
     optimizer: Optimizer
     schedule: Schedule
     trainer: Trainer
     tracking: Tracking
     paths: Paths
     task: Task
+    backbone: Backbone | None = None
+    inhibition: Inhibition | None = None
     augmentation: Augmentation | None = None
     parameterization: Parameterization | None = None
     loss: Loss | None = None
@@ -54,6 +72,15 @@ class Config(Node):
     test_sampling: Sampling | None = None
     pooling: Pooling | None = None
     mining: Mining | None = None
+    descriptor: Descriptor | None = None
+    kernel: PoseKernel | None = None
+    observation: Observation | None = None
+    likelihood: Likelihood | None = None
+    motion: Motion | None = None
+    filter: ParticleFilter | None = None
+    recovery: Recovery | None = None
+    fault: Fault | None = None
+    faults: FaultSuite | None = None
     seed: Seed = Field(examples=[0])
     init_from: str | None
     reuse: Literal["exact", "any_code"]
@@ -72,15 +99,10 @@ class Config(Node):
 
     def custom_targets(self) -> list[str]:
         """Import paths in the config that Sextant has no schema for."""
-        parts: list[Part] = [
-            self.dataset,
-            self.corruption,
-            self.backbone,
-            self.inhibition,
-            self.optimizer,
-            self.schedule,
-        ]
+        parts: list[Part] = [self.dataset, self.corruption, self.optimizer, self.schedule]
         if isinstance(self.corruption, CorruptionSuite):
             parts += self.corruption.corruptions.values()
-        parts += [part for part in (self.loss, self.augmentation, self.pooling, self.mining) if part is not None]
+        networks = (self.backbone, self.inhibition, self.loss, self.augmentation, self.pooling, self.mining)
+        localizers = (self.descriptor, self.observation, self.motion, self.recovery)
+        parts += [part for part in (*networks, *localizers) if part is not None]
         return [part.target for part in parts if isinstance(part, CustomPart)]

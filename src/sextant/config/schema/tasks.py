@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.parts import Count, Node, Positive, Seed, Share
+from sextant.config.schema.parts import Count, Node, Positive, Seed, Share, distinct
 from sextant.config.schema.places import OffTheShelf, PlaceAugmentation, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
 
@@ -70,4 +70,30 @@ class PlaceRecognitionTask(Node):
         return self
 
 
-Task = Annotated[ClassificationTask | CalibrationTask | PlaceRecognitionTask, Field(discriminator="name")]
+class LocalizationTask(Node):
+    """Localization in a map of images at known poses."""
+
+    name: Literal["localization"]
+    objective: Literal["joint", "vecchia"]
+    images: int = Field(ge=10, le=100_000, examples=[600])
+    neighbours: Count = Field(examples=[20])
+    validation_images: Count = Field(examples=[200])
+    validation_share: Share | None = Field(examples=[0.25])
+    odometry_scale: Annotated[float, Field(ge=0, le=100)] = Field(examples=[1.0])
+    odometry_seed: Seed = Field(examples=[0])
+    starts: Annotated[int, Field(ge=1, le=10_000)] = Field(examples=[32])
+    horizon: Annotated[int, Field(ge=2, le=1_000_000)] = Field(examples=[150])
+    every: Count = Field(examples=[1])
+    particle_counts: Annotated[list[Count], Field(min_length=1), AfterValidator(distinct)] | None = Field(
+        examples=["[25,100,400]"]
+    )
+    merge_duplicates: bool
+    resolution_m: Annotated[float, Field(ge=0.005, le=10)] = Field(examples=[0.05])
+    replay: bool
+    save_map: bool
+    test_checkpoint: Literal["last"]
+
+
+Task = Annotated[
+    ClassificationTask | CalibrationTask | PlaceRecognitionTask | LocalizationTask, Field(discriminator="name")
+]

@@ -32,6 +32,11 @@ class ImageRows:
         return len(self._rows)
 
     @property
+    def rows(self) -> Int64[ndarray, "m"]:
+        """Which images of the array these are."""
+        return self._rows
+
+    @property
     def shape(self) -> tuple[int, int, int, int]:
         """Number of images, height, width, channels."""
         return (len(self), *self._images.shape[1:])

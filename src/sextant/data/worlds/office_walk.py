@@ -15,12 +15,12 @@ from sextant.data.worlds.towns import RenderedWorld, file_hashes, perspective
 from sextant.geometry import Camera
 from sextant.worlds.appearance import Appearance
 from sextant.worlds.laser import LaserScanner, scan
-from sextant.worlds.odometry import COLD_WHEELS, simulate
+from sextant.worlds.odometry import COLD_WHEELS, at_axle, increments, integrate, simulate
 from sextant.worlds.office import Office
 from sextant.worlds.office_carving import plan_along
 from sextant.worlds.office_layouts import procedural_plan
 from sextant.worlds.office_plan import FloorPlan
-from sextant.worlds.office_routes import wander
+from sextant.worlds.office_routes import revisit, survey
 from sextant.worlds.renderer import Renderer
 from sextant.worlds.trajectories import load_cold
 
@@ -54,10 +54,23 @@ class OfficeWalkPlan(WorldPlan):
             drives = [load_cold(path).poses for path in self.config["trajectories"]]
             return [drive[:: max(1, self.config["every"])] for drive in drives]
         step = 0.04 * self.config["every"]
-        return [
-            wander(self._empty_plan, metres, step, np.random.default_rng([self.config["seed"], 60, k]))
-            for k, metres in enumerate(self.config["metres"])
+        first, *others = self.config["metres"]
+        rngs = [np.random.default_rng([self.config["seed"], 60, k]) for k in range(len(others) + 1)]
+        mapped = survey(self._empty_plan, first, step, rngs[0])
+        runs = [
+            revisit(self._empty_plan, mapped[:, :2], metres, step, rng)
+            for metres, rng in zip(others, rngs[1:], strict=True)
         ]
+        return [mapped, *runs]
+
+    @cached_property
+    def _measured(self) -> list[Float64[ndarray, "n 3"] | None]:
+        """Real odometry of each drive, at the poses of :attr:`_drives`; None for what has to be simulated."""
+        if not self.config["trajectories"]:
+            return [None] * len(self.config["metres"])
+        told = [load_cold(path).odometry for path in self.config["trajectories"]]
+        every = max(1, self.config["every"])
+        return [None if odometry is None else odometry[::every] for odometry in told]
 
     @cached_property
     def _empty_plan(self) -> FloorPlan:
@@ -91,14 +104,23 @@ class OfficeWalkPlan(WorldPlan):
 
     @cached_property
     def columns(self) -> Mapping[str, ndarray]:
-        """Labels, the run of each picture (0 is the map's), and the pose that its wheels tell."""
+        """Labels, the run of each picture (0 is the map's), and the pose that its wheels tell.
+
+        Wheels tell the true first pose and drift away from it. They are those of the real robot where the trajectory's
+        file has its odometry, and simulated otherwise.
+        """
         shots = self.shots
         starts = np.flatnonzero(np.r_[True, np.diff(shots.place) <= 0])
         run = np.searchsorted(starts, np.arange(len(shots)), side="right") - 1
-        truth = [shots.pose[run == k][:, [0, 1, 3]] for k in range(len(starts))]
-        rngs = [np.random.default_rng([self.config["seed"], 61, k]) for k in range(len(starts))]
-        odometry = [simulate(poses, COLD_WHEELS, rng) for poses, rng in zip(truth, rngs, strict=True)]
+        odometry = [self._odometry(k, shots.pose[run == k][:, [0, 1, 3]]) for k in range(len(starts))]
         return {**super().columns, "run": run.astype(np.int16), "odometry": np.concatenate(odometry)}
+
+    def _odometry(self, run: int, truth: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
+        measured = self._measured[0 if run == 0 else 1 + (run - 1) // len(self.appearances)]
+        if measured is None:
+            return simulate(truth, COLD_WHEELS, np.random.default_rng([self.config["seed"], 61, run]))
+        lever = COLD_WHEELS.lever_m  # wheels tell how their axle moves, which is behind the frame of the poses
+        return at_axle(integrate(at_axle(truth[:1], lever)[0], increments(measured)), -lever)
 
     def build(self, scene: int, appearance: Appearance) -> Renderer:
         """The office under an appearance."""
@@ -114,13 +136,19 @@ class OfficeWalkPlan(WorldPlan):
         return np.asarray(scan(self.scanner, renderer.scene, pose, rng)[0], np.float32)
 
     def describe(self) -> dict[str, Any]:
-        """The floor and the length of each drive."""
+        """The floor, the length of each drive, and whether its odometry was measured."""
         lengths = [float(np.linalg.norm(np.diff(drive[:, :2], axis=0), axis=1).sum()) for drive in self._drives]
-        return {"floor_square_metres": round(self.office.floor_area_m2, 1), "drives_m": [round(m, 1) for m in lengths]}
+        return {
+            "floor_square_metres": round(self.office.floor_area_m2, 1),
+            "drives_m": [round(m, 1) for m in lengths],
+            "measured_odometry": [odometry is not None for odometry in self._measured],
+        }
 
 
 class OfficeWalk(RenderedWorld):
     """Drives of a robot through an office: a map run, and runs to localize, with odometry and laser.
+
+    Odometry errs as :data:`~sextant.worlds.odometry.COLD_WHEELS` do, or is that of the trajectory's file if it has any.
 
     Keys: ``size_m`` and ``metres`` of each drive (procedural), or ``trajectories`` (files of poses that the office is
     carved around: COLD's layout); ``every`` how many poses 4 cm apart a picture is taken; ``width``, ``height``,

@@ -1,0 +1,131 @@
+"""What may go wrong in localization."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, Tag
+
+from sextant.config.schema.parts import Count, CustomPart, Node, NonNegative, Part, Positive, choose_part
+
+Frame = Annotated[float, Field(gt=0)]
+#: 0 and 1 included
+Portion = Annotated[float, Field(ge=0, le=1)]
+
+
+class NoFault(Part):
+    """All goes well."""
+
+    target: Literal["sextant.data.localization.faults.NoFault"] = Field(alias="_target_")
+
+
+class Kidnap(Part):
+    """The robot is carried elsewhere."""
+
+    target: Literal["sextant.data.localization.faults.Kidnap"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    distance: NonNegative = Field(examples=[10.0])
+    after: Count | None = Field(examples=[100])
+
+
+class WrongStart(Part):
+    """The filter starts around a wrong pose."""
+
+    target: Literal["sextant.data.localization.faults.WrongStart"] = Field(alias="_target_")
+    distance: NonNegative = Field(examples=[5.0])
+    heading_deg: Annotated[float, Field(ge=0, le=180)] = Field(examples=[90.0])
+
+
+class DroppedFrames(Part):
+    """Images are lost at random."""
+
+    target: Literal["sextant.data.localization.faults.DroppedFrames"] = Field(alias="_target_")
+    share: Portion = Field(examples=[0.5])
+
+
+class Blackout(Part):
+    """No image arrives for a while."""
+
+    target: Literal["sextant.data.localization.faults.Blackout"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    length: Count = Field(examples=[30])
+
+
+class OdometryScale(Part):
+    """Wheels of another size."""
+
+    target: Literal["sextant.data.localization.faults.OdometryScale"] = Field(alias="_target_")
+    factor: Positive = Field(examples=[1.1])
+    turn: Positive = Field(examples=[1.0])
+
+
+class OdometrySlip(Part):
+    """Wheels that slip."""
+
+    target: Literal["sextant.data.localization.faults.OdometrySlip"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    length: Count = Field(examples=[20])
+    kind: Literal["spinning", "sliding"]
+
+
+class MissingOdometry(Part):
+    """Odometry tells nothing for a while."""
+
+    target: Literal["sextant.data.localization.faults.MissingOdometry"] = Field(alias="_target_")
+    frame: Frame = Field(examples=[0.5])
+    length: Count = Field(examples=[10])
+
+
+class NoisyMapPoses(Part):
+    """Images of the map were taken elsewhere."""
+
+    target: Literal["sextant.data.localization.faults.NoisyMapPoses"] = Field(alias="_target_")
+    position: NonNegative = Field(examples=[0.5])
+    heading_deg: NonNegative = Field(examples=[5.0])
+
+
+class ThinnedMap(Part):
+    """A map of fewer images."""
+
+    target: Literal["sextant.data.localization.faults.ThinnedMap"] = Field(alias="_target_")
+    keep: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.25])
+
+
+class WrongSeasonMap(Part):
+    """A map made under another condition."""
+
+    target: Literal["sextant.data.localization.faults.WrongSeasonMap"] = Field(alias="_target_")
+    condition: str = Field(examples=["winter_noon"])
+
+
+Fault = Annotated[
+    Annotated[NoFault, Tag("sextant.data.localization.faults.NoFault")]
+    | Annotated[Kidnap, Tag("sextant.data.localization.faults.Kidnap")]
+    | Annotated[WrongStart, Tag("sextant.data.localization.faults.WrongStart")]
+    | Annotated[DroppedFrames, Tag("sextant.data.localization.faults.DroppedFrames")]
+    | Annotated[Blackout, Tag("sextant.data.localization.faults.Blackout")]
+    | Annotated[OdometryScale, Tag("sextant.data.localization.faults.OdometryScale")]
+    | Annotated[OdometrySlip, Tag("sextant.data.localization.faults.OdometrySlip")]
+    | Annotated[MissingOdometry, Tag("sextant.data.localization.faults.MissingOdometry")]
+    | Annotated[NoisyMapPoses, Tag("sextant.data.localization.faults.NoisyMapPoses")]
+    | Annotated[ThinnedMap, Tag("sextant.data.localization.faults.ThinnedMap")]
+    | Annotated[WrongSeasonMap, Tag("sextant.data.localization.faults.WrongSeasonMap")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(
+        NoFault,
+        Kidnap,
+        WrongStart,
+        DroppedFrames,
+        Blackout,
+        OdometryScale,
+        OdometrySlip,
+        MissingOdometry,
+        NoisyMapPoses,
+        ThinnedMap,
+        WrongSeasonMap,
+    ),
+]
+
+
+class FaultSuite(Node):
+    """Several faults, each tested in runs of its own."""
+
+    faults: Annotated[dict[str, Fault], Field(min_length=1)]

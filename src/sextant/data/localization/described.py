@@ -1,0 +1,120 @@
+"""Descriptors of the images of a drive, worked out once and kept on disk.
+
+All runs of a sweep look at the same images with the same descriptor. A folder in the cache holds what was described,
+under a name that follows from the descriptor's identity, the dataset's fingerprint and the drive; it is written whole or
+not at all, and mapped into memory.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from sextant.data.localization.drive import Drive
+from sextant.data.places.images import ImageRows
+from sextant.errors import UserError
+
+#: images read and described at a time: 64x96 pixels in colour are 18 MB
+BATCH = 1024
+Progress = Callable[[int, int], None]
+#: makes a progress display for what it is told
+Showing = Callable[[str], AbstractContextManager[Progress]]
+
+
+@runtime_checkable
+class Describer(Protocol):
+    """Gives images their descriptors.
+
+    Attributes:
+        identity: changes when descriptors would.
+    """
+
+    identity: str
+
+    def fit(self, images: ImageRows) -> None:
+        """Learn from the images of a map; most learn nothing."""
+
+    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+        """Descriptors of a few images."""
+
+
+class DescribedDrives:
+    """The descriptors of the drives of a dataset.
+
+    Args:
+        describer: of the images.
+        dataset: fingerprint of the dataset.
+        cache: folder to keep them in.
+        show: makes the progress display of one drive.
+    """
+
+    def __init__(self, describer: Describer, dataset: str, cache: Path, show: "Showing | None" = None):
+        self.describer, self.dataset, self.cache, self.show = describer, dataset, cache, show
+        self._fitted = False
+
+    def fit(self, drive: Drive) -> None:
+        """Let the describer learn from the images of a map, whenever the first descriptor is asked for."""
+        self._map, self._fitted = drive, False
+
+    def of(self, drive: Drive) -> Float32[ndarray, "n d"]:
+        """Descriptors of all images of a drive, mapped from the cache.
+
+        Raises:
+            UserError: the drive has no images, or the cache cannot be written to.
+        """
+        if drive.images is None:
+            raise UserError(f"the drive {drive.name} has no images", "descriptor=file gives descriptors of your own.")
+        path = self.cache / f"descriptors-{self._key(drive)}.npy"
+        if not path.is_file():
+            self._write(drive, path)
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+
+    def _key(self, drive: Drive) -> str:
+        assert drive.images is not None
+        assert self._map.images is not None
+        facts = [self.describer.identity, self.dataset, drive.name, drive.condition, drive.images.shape]
+        hashed = hashlib.sha256(json.dumps(facts).encode())
+        for images in (self._map.images, drive.images):
+            hashed.update(np.ascontiguousarray(images.rows).tobytes())
+        return hashed.hexdigest()[:16]
+
+    def _write(self, drive: Drive, path: Path) -> None:
+        assert drive.images is not None
+        assert self._map.images is not None
+        if not self._fitted:
+            self.describer.fit(self._map.images)
+            self._fitted = True
+        partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with self.show(f"describing {drive.name}") if self.show else nullcontext(_silent) as progress:
+                self._describe(drive.images, partial, progress)
+            partial.replace(path)
+        except OSError as error:
+            raise UserError(
+                f"{path.parent}: descriptors cannot be kept there: {error}", "paths.cache=<folder>"
+            ) from None
+        finally:
+            partial.unlink(missing_ok=True)
+
+    def _describe(self, images: ImageRows, path: Path, progress: Progress) -> None:
+        rows: np.memmap | None = None
+        for start in range(0, len(images), BATCH):
+            found = self.describer.describe(images[start : start + BATCH])
+            if rows is None:
+                rows = np.lib.format.open_memmap(path, "w+", np.float32, (len(images), found.shape[1]))
+            rows[start : start + len(found)] = found
+            progress(start + len(found), len(images))
+        if rows is not None:
+            rows.flush()
+
+
+def _silent(done: int, total: int) -> None:
+    """Show nothing."""

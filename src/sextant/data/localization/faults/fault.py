@@ -1,0 +1,79 @@
+"""What a fault does to drives and to the map."""
+
+import numpy as np
+
+from sextant.data.localization.drive import Drive
+from sextant.data.localization.localization_data import LocalizationData
+from sextant.errors import UserError
+
+
+class Fault:
+    """A fault changes the drives that are localized, or their map; each method leaves alone what it does not change.
+
+    Nothing that was given is changed: new drives are returned.
+    """
+
+    def data(self, data: LocalizationData) -> LocalizationData:
+        """What the fault does to the choice of drives, before they are described.
+
+        Raises:
+            UserError: the dataset has not what the fault needs.
+        """
+        return data
+
+    def drive(self, drive: Drive, rng: np.random.Generator, whole: Drive | None = None) -> Drive:
+        """What the fault does to a drive that is localized.
+
+        Args:
+            drive: or a part of it: a run that starts somewhere along it.
+            rng: for what is drawn.
+            whole: the drive of the dataset that ``drive`` is a part of, by :meth:`Drive.select`: a robot may be carried
+                to any place of it; None for ``drive`` itself.
+
+        Raises:
+            UserError: the drive is too short for it.
+        """
+        return drive
+
+    def map(self, map: Drive, rng: np.random.Generator) -> Drive:
+        """What the fault does to the map, after its images were described: images are those of the given map.
+
+        Raises:
+            UserError: the map is too small for it.
+        """
+        return map
+
+
+class NoFault(Fault):
+    """All goes well."""
+
+
+def frame_at(frame: float | int, drive: Drive, key: str) -> int:
+    """A frame given by its number, or as a share of the drive if it is below 1.
+
+    Raises:
+        UserError: the drive has no such frame, or it is the first: before it nothing has happened.
+    """
+    number = round(frame * len(drive)) if frame < 1 else int(frame)
+    if not 0 < number < len(drive):
+        raise UserError(
+            f"{key}={frame:g} is frame {number} of {drive.name}, which has {len(drive)}: it must be in "
+            f"[1, {len(drive) - 1}]",
+            f"{key}=0.5 is the middle of each drive",
+        )
+    return number
+
+
+def stretch_at(frame: float | int, length: int, drive: Drive, name: str) -> slice:
+    """``length`` frames from ``frame`` on.
+
+    Raises:
+        UserError: the drive ends before.
+    """
+    first = frame_at(frame, drive, f"{name}.frame")
+    if length < 1 or first + length > len(drive):
+        raise UserError(
+            f"{name}.length={length} from frame {first} on: {drive.name} has {len(drive)} frames",
+            f"{name}.length={max(1, len(drive) - first)} at the most",
+        )
+    return slice(first, first + length)

@@ -1,0 +1,86 @@
+"""Drives of a robot through the office."""
+
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
+
+from sextant.data.localization.drive import Drive
+from sextant.data.localization.localization_data import LocalizationData, first_share
+from sextant.data.localization.motions import motions_along
+from sextant.data.localization.simulated_odometry import simulated_motion
+from sextant.data.localization.source import DriveSettings
+from sextant.data.places import ImageRows
+from sextant.data.rendered import RenderedSource, open_store
+from sextant.data.rendered.layout import StoreLayout
+from sextant.data.rendered.splits import RenderedSplit
+from sextant.worlds.odometry import COLD_WHEELS
+
+#: of the only run, if there is but one
+VALIDATION_SHARE = 0.25
+#: scale and seed of the odometry that is stored with the pictures
+STORED = (1.0, 0)
+
+
+class OfficeDrives(RenderedSource):
+    """The drives of :class:`~sextant.data.worlds.OfficeWalk`.
+
+    The first drive makes the map. Of several runs, the first is for validation, under each condition, and the others
+    for the test; of a single run, the first quarter is for validation. Odometry is the real robot's where a trajectory
+    file has it, and simulated otherwise.
+    """
+
+    def __init__(self, dataset: Any, settings: DriveSettings | None = None):
+        super().__init__(dataset)
+        self.settings = settings or DriveSettings()
+
+    def conditions(self) -> tuple[str, ...]:
+        """Those of the config, the map's first; nothing is rendered."""
+        return tuple(self.dataset.plan().condition_names)
+
+    def fingerprint(self) -> str:
+        """Hash of the config, of the source that renders it, and of the settings."""
+        return self.settings.identity(super().fingerprint())
+
+    def read(self) -> LocalizationData:
+        """All drives, rendered first if need be; pictures stay in the file they lie in."""
+        mapped = self.read_split("map", "dataset.metres=[160,80,80]")
+        driven = self.read_split("run", "dataset.metres=[160,80,80]")
+        plan = self.dataset.plan()
+        store = open_store(plan, self.dataset.cache)
+        laser = np.load(StoreLayout(store.directory).array("laser"), mmap_mode="r", allow_pickle=False)
+        conditions = list(driven.facts["conditions"])
+        measured: list[bool] = driven.facts["measured_odometry"]
+        drives: list[list[Drive]] = [[] for _ in measured]
+        for run in np.unique(driven.columns["run"]):
+            rows = np.flatnonzero(driven.columns["run"] == run)
+            number = 1 + (int(run) - 1) // len(conditions)  # every drive but the map's is made under each condition
+            condition = conditions[int(driven.columns["condition"][rows[0]])]
+            name = f"run{number}/{condition}"
+            drives[number].append(self._drive(driven, rows, laser, name, condition, measured=measured[number]))
+        whole = np.arange(len(mapped.rows))
+        first = self._drive(mapped, whole, laser, "map", conditions[0], measured=measured[0])
+        runs = drives[1:]
+        if len(runs) > 1:
+            validation, test = tuple(runs[0]), tuple(drive for run in runs[1:] for drive in run)
+        else:
+            validation, test = first_share(runs[0], self.settings.share(VALIDATION_SHARE))
+        return LocalizationData(first, test, validation, None, "m", "office", plan.scanner)
+
+    def _drive(
+        self, split: RenderedSplit, rows: ndarray, laser: ndarray, name: str, condition: str, *, measured: bool
+    ) -> Drive:
+        poses = np.ascontiguousarray(split.columns["pose"][rows][:, [0, 1, 3]])
+        told = motions_along(split.columns["odometry"][rows])
+        scale, seed = self.settings.odometry_scale, self.settings.odometry_seed
+        if not measured and (scale, seed) != STORED:
+            told = simulated_motion(poses, COLD_WHEELS, scale, seed, name)
+        return Drive.of(
+            name,
+            condition,
+            poses,
+            motion=told,
+            images=ImageRows(split.images, split.rows[rows]),
+            laser=laser[split.rows[rows]],
+            odometry="measured" if measured else "simulated",
+        )

@@ -1,0 +1,53 @@
+"""Poses in space as poses in a plane."""
+
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.places.problem_list import problem_list
+from sextant.errors import UserError
+
+#: the two axes of the world that the robot moves along
+Plane = Literal["xy", "xz", "yz"]
+PLANES: tuple[Plane, ...] = get_args(Plane)
+#: the axis of the posed body that looks ahead: z of a camera, x of a robot
+Ahead = Literal["x", "z"]
+AHEAD: tuple[Ahead, ...] = get_args(Ahead)
+#: an axis that is nearer than this to the plane's normal has no heading to speak of
+STEEPEST_DEG = 75.0
+
+
+def to_plane(
+    world_from_body: Float64[ndarray, "n 4 4"], plane: Plane, ahead: Ahead, what: str
+) -> Float64[ndarray, "n 3"]:
+    r"""Positions in a plane, and the heading of the axis that looks ahead.
+
+    With u, v the axes of the plane and :math:`a = R e` the body's axis in the world, the pose is
+    :math:`(t_u, t_v, \operatorname{atan2}(a_v, a_u))`: turns from u to v are positive. Height, roll and tilt are lost.
+
+    Args:
+        world_from_body: poses in space.
+        plane: ``xy`` where z is up, ``xz`` where y is down (KITTI) or up.
+        ahead: ``z`` where poses are those of a camera, ``x`` where they are those of a robot.
+        what: the poses, for messages.
+
+    Raises:
+        UserError: an axis is steeper than 75 degrees to the plane, so that its heading means little.
+    """
+    u, v = ("xyz".index(letter) for letter in plane)
+    axis = world_from_body[:, :3, "xyz".index(ahead)]
+    level = np.hypot(axis[:, u], axis[:, v])
+    steep = np.degrees(np.arctan2(np.sqrt(np.maximum(0.0, 1 - level**2)), level))
+    wrong = np.flatnonzero(steep > STEEPEST_DEG)
+    if len(wrong):
+        listed = problem_list([f"pose {i + 1}: {steep[i]:.0f} degrees" for i in wrong.tolist()])
+        raise UserError(
+            f"{what}: the {ahead} axis of {len(wrong):,} of {len(axis):,} poses looks nearly perpendicular to the "
+            f"plane {plane}, so that its heading is not known\n{listed}",
+            "Name the plane that the camera moves in (dataset.plane=xz where y is down, as in KITTI; xy where z is "
+            "up), and the axis\nof the poses that looks ahead (dataset.ahead=z for a camera, x for a robot).",
+        )
+    position = world_from_body[:, :3, 3]
+    return np.column_stack([position[:, u], position[:, v], np.arctan2(axis[:, v], axis[:, u])])

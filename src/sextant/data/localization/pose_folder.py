@@ -1,0 +1,325 @@
+"""The user's own drives: a folder of images a drive, and a file of poses in one of the usual formats."""
+
+import copy
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.localization.drive import Drive
+from sextant.data.localization.localization_data import LocalizationData, ProtocolName, first_share
+from sextant.data.localization.motions import compose, motions_along
+from sextant.data.localization.plane import AHEAD, PLANES, Ahead, Plane, to_plane
+from sextant.data.localization.pose_formats import read_tum_matrices
+from sextant.data.localization.pose_times import check_gaps, check_rising, poses_at, times_of_file, times_of_names
+from sextant.data.localization.source import DriveSettings, Split
+from sextant.data.places.aligned import traverse_files
+from sextant.data.places.decoded_images import ImageSize, read_images
+from sextant.data.places.pose_files import table_poses
+from sextant.data.places.problem_list import problem_list
+from sextant.data.source import MissingDataError, file_sha256, first_folder
+from sextant.errors import UserError
+from sextant.worlds.trajectories import load_kitti_poses
+
+PoseFormat = Literal["csv", "tum", "kitti"]
+POSE_FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
+PROTOCOLS = ("office", "town")
+FILES: dict[PoseFormat, str] = {"csv": "poses.csv", "tum": "poses.txt", "kitti": "poses.txt"}
+#: of each test drive, where there are no drives for validation
+VALIDATION_SHARE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """What a folder tells, before an image is decoded."""
+
+    paths: list[Path]
+    poses: Float64[ndarray, "n 3"]
+    odometry: Float64[ndarray, "n 3"] | None
+    times_s: Float64[ndarray, "n"] | None
+
+
+class PoseFolder:
+    """Folders of images with poses.
+
+    ========= ==========================================================================================================
+    ``csv``   a table ``file,x,y,heading`` in metres and degrees counter-clockwise from x, already in the plane
+    ``tum``   lines ``timestamp tx ty tz qx qy qz qw``; an image has the pose at the time in its name, interpolated, or,
+              where names tell no time, the pose of its number
+    ``kitti`` lines of 12 numbers, the rows of a 3x4 matrix ``world_from_camera``; the i-th image has the i-th pose
+    ========= ==========================================================================================================
+
+    Images are in the natural order of their names. Poses in space are brought to a plane by
+    :func:`~sextant.data.localization.plane.to_plane`. What is localized is the *camera*: its pose is that of the file
+    followed by ``mounting``.
+
+    Args:
+        folder: around the drives, absolute, or relative to the working directory or one of the ``roots``.
+        map: folder of the drive that makes the map, below ``folder``.
+        test: folder of each drive to localize, by its name; None for the folder ``run``.
+        validation: likewise for fitting temperatures and noise; None takes them from the start of each test drive.
+        poses: format of the files of poses.
+        pose_file: name of that file in each drive's folder; None for ``poses.csv`` or ``poses.txt``.
+        odometry: name of a file of the same format with the poses that odometry tells, in a frame of its own; None
+            where nothing is known about motion.
+        times: ``names`` (seconds, or whole nano- or microseconds), ``order``, or a file with a line an image; None for
+            ``names`` with TUM poses if all names tell a time, and else ``order``.
+        plane: the axes of the world that the robot moves along.
+        ahead: the axis of the posed body that looks ahead, ``z`` for a camera and ``x`` for a robot.
+        mounting: where the camera is on the posed body: metres ahead, metres to the left, degrees to the left.
+        protocol: by which success is told, ``office`` or ``town``.
+        max_gap_s: longest time between two images of a drive, and between the poses around an image; None for any.
+        height: rows that images are stretched to.
+        width: columns that images are stretched to.
+        channels: 3 for colour, 1 for grey.
+        skip_bad: leave out images that cannot be decoded, and those of the map at the very pose of another.
+        roots: folders to look in as well; decoded images are kept in the last.
+
+    Raises:
+        UserError: an argument has no meaning.
+    """
+
+    name = "pose_folder"
+
+    def __init__(
+        self,
+        folder: str,
+        map: str = "map",
+        test: Mapping[str, str] | None = None,
+        validation: Mapping[str, str] | None = None,
+        poses: PoseFormat = "csv",
+        pose_file: str | None = None,
+        odometry: str | None = None,
+        times: str | None = None,
+        plane: Plane = "xy",
+        ahead: Ahead = "z",
+        mounting: Sequence[float] = (0.0, 0.0, 0.0),
+        protocol: ProtocolName = "office",
+        max_gap_s: float | None = 5.0,
+        height: int = 64,
+        width: int = 96,
+        channels: int = 3,
+        skip_bad: bool = False,
+        roots: Sequence[Path | str] = (),
+    ):
+        choices = (
+            ("poses", poses, POSE_FORMATS),
+            ("plane", plane, PLANES),
+            ("ahead", ahead, AHEAD),
+            ("protocol", protocol, PROTOCOLS),
+        )
+        for key, value, allowed in choices:
+            if value not in allowed:
+                raise UserError(
+                    f"dataset.{key}={value!r} must be one of {', '.join(allowed)}", f"dataset.{key}={allowed[0]}"
+                )
+        if len(mounting) != 3 or not np.isfinite(mounting).all():
+            raise UserError(
+                f"dataset.mounting={list(mounting)} must be metres ahead, metres to the left, degrees to the left",
+                "dataset.mounting=[0,0,0] if the poses are those of the camera",
+            )
+        if max_gap_s is not None and not max_gap_s > 0:
+            raise UserError(f"dataset.max_gap_s={max_gap_s:g} must be positive, or null", "dataset.max_gap_s=5")
+        self.poses, self.pose_file, self.odometry, self.times = poses, pose_file or FILES[poses], odometry, times
+        self.plane, self.ahead, self.protocol, self.max_gap_s = plane, ahead, protocol, max_gap_s
+        x, y, yaw = (float(value) for value in mounting)
+        self.mounting = np.array([[x, y, np.radians(yaw)]])
+        self.folders: dict[Split, dict[str, str]] = {
+            "map": {"map": map},
+            "validation": {f"validation/{name}": path for name, path in (validation or {}).items()},
+            "test": dict(test or {"run": "run"}),
+        }
+        self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
+        self.cache = Path(roots[-1]) if roots else None
+        self.size, self.skip_bad = ImageSize(height, width, channels), skip_bad
+        self.settings = DriveSettings()
+
+    def with_settings(self, settings: DriveSettings) -> "PoseFolder":
+        """The same folders with another share for validation."""
+        other = copy.copy(self)
+        other.settings = settings
+        return other
+
+    @property
+    def folder(self) -> Path:
+        """The first of the places looked in that is a folder."""
+        return first_folder(
+            self.looked,
+            "dataset.folder",
+            "Give the folder around the drives: dataset.folder=/path/to/drives dataset.map=map "
+            "dataset.test='{run: run}'. Without images of your own: dataset=office_walk",
+        )
+
+    def conditions(self) -> tuple[str, ...]:
+        """``map``, and the names of the test drives."""
+        return ("map", *self.folders["test"])
+
+    def files(self, split: Split) -> list[Path]:
+        """The images of a split and their files of poses; nothing is decoded.
+
+        Raises:
+            UserError: a folder or a file is missing, or two drives have files in common.
+        """
+        images = self._images()
+        found: list[Path] = []
+        for name, folder in self.folders[split].items():
+            found += [*images[name], *self._tables(self.folder / folder, f"dataset.{split}.{name}", split)]
+        return found
+
+    def fingerprint(self) -> str:
+        """Hash of the contents of all images and poses, and of what is made of them."""
+        files = [[path.name, file_sha256(path)] for split in self.folders for path in self.files(split)]
+        meant = [self.poses, self.odometry, self.times, self.plane, self.ahead, self.mounting.tolist(), self.protocol]
+        size = [self.size.height, self.size.width, self.size.channels, self.skip_bad, self.max_gap_s]
+        digest = hashlib.sha256(json.dumps([files, list(self.conditions()), meant, size]).encode()).hexdigest()
+        return self.settings.identity(digest)
+
+    def read(self) -> LocalizationData:
+        """All drives; images are decoded at the first time and mapped from the cache from then on.
+
+        Raises:
+            UserError: files are missing, out of order, of different lengths or cannot be read; they are named.
+        """
+        images = self._images()
+        notes: list[str] = []
+        drives: dict[Split, list[Drive]] = {split: [] for split in self.folders}
+        for split, folders in self.folders.items():
+            for name, folder in folders.items():
+                drives[split].append(self._drive(split, name, self.folder / folder, images[name], notes))
+        if self.odometry is None:
+            notes.append("dataset.odometry=null: nothing is known about motion between images")
+        (first,), test, validation = drives["map"], tuple(drives["test"]), tuple(drives["validation"])
+        if not validation:
+            if short := [drive.name for drive in test if len(drive) < 2]:
+                raise UserError(f"dataset.test.{short[0]} has but one image, too few to localize", "Add images.")
+            validation, test = first_share(test, self.settings.share(VALIDATION_SHARE))
+        return LocalizationData(first, test, validation, None, "m", self.protocol, notes=tuple(notes))
+
+    def _images(self) -> dict[str, list[Path]]:
+        """The images of all drives, which have none in common."""
+        all_folders = {name: self.folder / path for part in self.folders.values() for name, path in part.items()}
+        return traverse_files(all_folders, "dataset")
+
+    def _tables(self, folder: Path, key: str, split: Split) -> list[Path]:
+        """The files beside the images of a drive."""
+        wanted = [self.pose_file]
+        if split != "map":
+            wanted += [name for name in (self.odometry,) if name]
+        if self.times not in (None, "names", "order"):
+            wanted.append(str(self.times))
+        for name in wanted:
+            if not (folder / name).is_file():
+                what = "poses" if name == self.pose_file else "odometry" if name == self.odometry else "times"
+                raise MissingDataError(
+                    f"{key}: {folder} has no {what}, the file {name}",
+                    f"Put it there, or give its name: dataset.{'pose_file' if what == 'poses' else what}=<name>",
+                )
+        return [folder / name for name in wanted]
+
+    def _drive(self, split: Split, name: str, folder: Path, paths: list[Path], notes: list[str]) -> Drive:
+        key = f"dataset.{split}" if split == "map" else f"dataset.{split}.{name.removeprefix('validation/')}"
+        frames = self._frames(split, folder, paths, key)
+        what = f"{name} images of dataset={self.name}"
+        decoded = read_images(paths, self.size, self.cache, what=what, skip_bad=self.skip_bad)
+        notes += [f"left out {bad}" for bad in decoded.bad]
+        kept, images = decoded.kept, decoded.images
+        if split == "map":
+            once = self._once(frames.poses[kept], [paths[i] for i in kept.tolist()], key, notes)
+            kept, images = kept[once], images.select(once)
+        motion = None
+        if split != "map":
+            unknown = np.concatenate([np.zeros((1, 3)), np.full((len(kept) - 1, 3), np.nan)])
+            motion = unknown if frames.odometry is None else motions_along(frames.odometry[kept])
+        return Drive.of(
+            name,
+            name.removeprefix("validation/"),
+            frames.poses[kept],
+            motion=motion,
+            images=images,
+            times_s=None if frames.times_s is None else frames.times_s[kept],
+            odometry="none" if frames.odometry is None else "measured",
+        )
+
+    def _frames(self, split: Split, folder: Path, paths: list[Path], key: str) -> _Frames:
+        """Poses, odometry and times of the images of a drive."""
+        self._tables(folder, key, split)
+        names = [path.name for path in paths]
+        times = self._times(folder, paths, key)
+        if times is not None:
+            check_rising(times, names, key)
+            if split != "map" and self.max_gap_s is not None:
+                check_gaps(times, names, self.max_gap_s, key)
+        poses, own = self._trajectory(folder / self.pose_file, folder, paths, times, key)
+        odometry = None
+        if self.odometry is not None and split != "map":
+            odometry, _ = self._trajectory(folder / self.odometry, folder, paths, times, key)
+        return _Frames(paths, poses, odometry, own if times is None else times)
+
+    def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
+        """When the images were taken, if anything but the poses tells it."""
+        if self.times is None:
+            return times_of_names(paths) if self.poses == "tum" else None
+        if self.times == "order":
+            return None
+        if self.times != "names":
+            return times_of_file(folder / self.times, len(paths))
+        times = times_of_names(paths)
+        if times is None:
+            raise UserError(
+                f"{key}: dataset.times=names, but the names of some images tell no time, such as {paths[0].name}",
+                "Names such as 1305031102.175304.png, or dataset.times=order, or a file with a line an image.",
+            )
+        return times
+
+    def _trajectory(
+        self, file: Path, folder: Path, paths: list[Path], times: Float64[ndarray, "n"] | None, key: str
+    ) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n"] | None]:
+        """Poses of the camera in the plane at the images, and the times that the file tells of them."""
+        told: Float64[ndarray, "m"] | None = None
+        if self.poses == "csv":
+            poses = self._table(file, folder, paths, key)
+        elif self.poses == "kitti":
+            poses = to_plane(load_kitti_poses(file), self.plane, self.ahead, str(file))
+        else:
+            told, in_space = read_tum_matrices(file)
+            poses = to_plane(in_space, self.plane, self.ahead, str(file))
+            if times is not None:
+                names = [path.name for path in paths]
+                poses, told = poses_at(told, poses, times, names, self.max_gap_s, f"{key}, {file.name}"), times
+        if len(poses) != len(paths):
+            raise UserError(
+                f"{key}: {file.name} has {len(poses):,} poses for {len(paths):,} images, "
+                f"{paths[0].name} to {paths[-1].name}; without times they must be the same frames",
+                "Take away what has no partner, or tell the times of TUM poses: dataset.times=names or a file.",
+            )
+        return compose(poses, np.repeat(self.mounting, len(poses), axis=0)), told
+
+    def _table(self, file: Path, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n 3"]:
+        rows = table_poses(paths, folder, file, key)
+        without = [path.name for path, row in zip(paths, rows, strict=True) if row.heading_deg is None]
+        if without:
+            raise UserError(
+                f"{key}: {file} has no column heading, which {len(without):,} images need",
+                "file,x,y,heading\nfirst.jpg,12.5,-3.0,90    (degrees counter-clockwise from x)",
+            )
+        return np.array([(row.x, row.y, np.radians(row.heading_deg or 0.0)) for row in rows])
+
+    def _once(self, poses: Float64[ndarray, "n 3"], paths: list[Path], key: str, notes: list[str]) -> ndarray:
+        """The first image of each pose; two images at the very same pose are an error, or left out by ``skip_bad``."""
+        _, first, which = np.unique(poses, axis=0, return_index=True, return_inverse=True)
+        double = np.flatnonzero(first[which.ravel()] != np.arange(len(poses)))
+        named = [f"{paths[i].name} = {paths[first[which.ravel()[i]]].name}" for i in double.tolist()]
+        if named and not self.skip_bad:
+            raise UserError(
+                f"{key}: {len(named):,} of {len(poses):,} images have the very pose of another\n{problem_list(named)}",
+                "Take one of each away (is a pose repeated for frames that have none?), or leave them out: "
+                "dataset.skip_bad=true",
+            )
+        notes += [f"left out {name}" for name in named]
+        return np.sort(first)

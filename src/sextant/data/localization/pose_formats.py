@@ -1,0 +1,105 @@
+"""Trajectories in the TUM format: a line a pose, ``timestamp tx ty tz qx qy qz qw``.
+
+Seconds, metres, and a unit quaternion whose scalar part comes last; lines that start with # are comments. Source:
+J. Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, and its page of file formats.
+"""
+
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.atomic_files import write_atomically
+from sextant.data.localization.plane import to_plane
+from sextant.data.places.problem_list import problem_list
+from sextant.errors import UserError
+
+#: quaternions of files are rounded: their length may differ from 1 by this
+LENGTH_TOLERANCE = 1e-2
+
+
+def read_tum(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[ndarray, "n 3"]]:
+    """Seconds, and poses in the plane z = 0 with the heading of the body's x axis: what :func:`write_tum` wrote.
+
+    Raises:
+        UserError: see :func:`read_tum_matrices`; or the x axis points straight up or down.
+    """
+    times, poses = read_tum_matrices(path)
+    return times, to_plane(poses, "xy", "x", str(path))
+
+
+def write_tum(path: Path | str, times_s: Float64[ndarray, "n"], poses: Float64[ndarray, "n 3"]) -> None:
+    """Write poses in the plane (x, y in metres, heading in rad), all digits of them, as poses in space with z = 0.
+
+    Raises:
+        ValueError: the lengths differ.
+    """
+    if len(times_s) != len(poses):
+        raise ValueError(f"{len(times_s)} times for {len(poses)} poses")
+    x, y, heading = np.asarray(poses, np.float64).T
+    zero = np.zeros(len(poses))
+    table = np.column_stack([times_s, x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)])
+    lines = ["# timestamp tx ty tz qx qy qz qw", *(" ".join(repr(value) for value in row) for row in table.tolist())]
+    text = BytesIO(("\n".join(lines) + "\n").encode())
+    write_atomically(Path(path), lambda file: file.write(text.getvalue()))
+
+
+def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[ndarray, "n 4 4"]]:
+    """Seconds and ``world_from_body``.
+
+    Raises:
+        UserError: there is no such file, it has no poses, a line has not 8 finite numbers, a quaternion is no rotation,
+            or times do not rise; names the file and the lines.
+    """
+    try:
+        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} cannot be read: {error}", "A file of lines: timestamp tx ty tz qx qy qz qw") from None
+    rows: list[list[float]] = []
+    numbers: list[int] = []
+    problems: list[str] = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        row = _floats(words)
+        if len(words) != 8 or row is None:
+            problems.append(f"line {number}: 8 finite numbers are expected, got {' '.join(words[:4])} ...")
+        elif abs(np.linalg.norm(row[4:]) - 1) > LENGTH_TOLERANCE:
+            problems.append(f"line {number}: the quaternion has length {np.linalg.norm(row[4:]):.3g}, not 1")
+        elif rows and row[0] <= rows[-1][0]:
+            problems.append(f"line {number}: time {row[0]:.6f} is not after {rows[-1][0]:.6f} of line {numbers[-1]}")
+        else:
+            rows.append(row)
+            numbers.append(number)
+    if problems or not rows:
+        raise UserError(
+            f"{path}: {f'{len(problems)} lines cannot be used' if problems else 'it has no poses'}\n"
+            f"{problem_list(problems)}".rstrip(),
+            "Each line: timestamp tx ty tz qx qy qz qw, in the order of time.",
+        )
+    table = np.array(rows)
+    return np.ascontiguousarray(table[:, 0]), _matrices(table[:, 1:4], table[:, 4:])
+
+
+def _floats(words: list[str]) -> list[float] | None:
+    try:
+        row = [float(word) for word in words]
+    except ValueError:
+        return None
+    return row if np.isfinite(row).all() else None
+
+
+def _matrices(position: ndarray, quaternion: ndarray) -> Float64[ndarray, "n 4 4"]:
+    x, y, z, w = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    poses = np.tile(np.eye(4), (len(position), 1, 1))
+    poses[:, :3, :3] = np.moveaxis(np.array(rotation), -1, 0)
+    poses[:, :3, 3] = position
+    return poses

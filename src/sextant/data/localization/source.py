@@ -1,0 +1,131 @@
+"""What a dataset is that a robot can be localized in."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol, runtime_checkable
+
+from sextant.data.localization.localization_data import LocalizationData
+from sextant.errors import UserError
+
+Split = Literal["map", "validation", "test"]
+SPLITS: tuple[Split, ...] = ("map", "validation", "test")
+
+
+@dataclass(frozen=True)
+class DriveSettings:
+    """How drives are made of a dataset.
+
+    Attributes:
+        odometry_scale: by which the noise of simulated odometry is multiplied; 0 is perfect odometry. Odometry that
+            was measured stays as it is.
+        odometry_seed: of simulated odometry.
+        validation_share: part of each drive, from its start, that is for validation, where a dataset has no drives for
+            it; None for the dataset's own.
+
+    Raises:
+        UserError: a value is out of range.
+    """
+
+    odometry_scale: float = 1.0
+    odometry_seed: int = 0
+    validation_share: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.odometry_scale <= 100:
+            raise UserError(f"task.odometry_scale={self.odometry_scale:g} must be in [0, 100]", "task.odometry_scale=1")
+        if self.validation_share is not None and not 0 < self.validation_share < 1:
+            raise UserError(
+                f"task.validation_share={self.validation_share:g} must be within (0, 1)", "task.validation_share=0.25"
+            )
+
+    def share(self, usual: float) -> float:
+        """The validation share, or a dataset's usual one."""
+        return usual if self.validation_share is None else self.validation_share
+
+    def identity(self, fingerprint: str) -> str:
+        """Hash of a dataset's own fingerprint and of these settings."""
+        return hashlib.sha256(json.dumps([fingerprint, asdict(self)]).encode()).hexdigest()
+
+
+@runtime_checkable
+class LocalizationSource(Protocol):
+    """A dataset with a map and drives to localize in it.
+
+    Attributes:
+        name: of the dataset in messages.
+    """
+
+    name: str
+
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions of all drives, the map's first; nothing is read."""
+
+    def files(self, split: Split) -> list[Path]:
+        """The files that a split is read from; nothing is rendered or decoded.
+
+        Raises:
+            UserError: they are not there.
+        """
+
+    def fingerprint(self) -> str:
+        """Hash that changes when the data does."""
+
+    def read(self) -> LocalizationData:
+        """All drives.
+
+        Raises:
+            UserError: a file cannot be read; it is named.
+        """
+
+
+def as_localization_source(dataset: Any, settings: DriveSettings | None = None) -> LocalizationSource:
+    """A dataset as a source of drives with poses.
+
+    Args:
+        dataset: as a config builds it.
+        settings: how drives are made of it; None for the usual.
+
+    Raises:
+        UserError: it has no drives, or none whose poses are known.
+    """
+    settings = settings or DriveSettings()
+    # a rendered world: its modules are loaded then anyway
+    source = _rendered(dataset, settings) if hasattr(dataset, "plan") else _of_files(dataset, settings)
+    if source is None:
+        name = getattr(dataset, "name", type(dataset).__name__)
+        raise UserError(
+            f"dataset={name} has no drives with poses, which task=localization needs",
+            "Choose office_walk, cold, town_seasons or town_city (rendered here), nordland, or your own: "
+            "pose_folder, place_folders.",
+        )
+    return source
+
+
+def _rendered(dataset: Any, settings: DriveSettings) -> LocalizationSource | None:
+    from sextant.data.localization.office_drives import OfficeDrives
+    from sextant.data.localization.town_drives import TownCityDrives, TownSeasonsDrives
+    from sextant.data.worlds import OfficeWalk, TownCity, TownFactors, TownSeasons
+
+    if isinstance(dataset, OfficeWalk):
+        return OfficeDrives(dataset, settings)
+    if isinstance(dataset, TownCity):
+        return TownCityDrives(dataset, settings)
+    if isinstance(dataset, TownSeasons) and not isinstance(dataset, TownFactors):  # whose factors have no validation
+        return TownSeasonsDrives(dataset, settings)
+    return None
+
+
+def _of_files(dataset: Any, settings: DriveSettings) -> LocalizationSource | None:
+    from sextant.data.localization.place_drives import PlaceFolderDrives, RailwayDrives
+    from sextant.data.localization.pose_folder import PoseFolder
+    from sextant.data.places import Nordland, PlaceFolders
+
+    if isinstance(dataset, PoseFolder):
+        return dataset.with_settings(settings)
+    if isinstance(dataset, Nordland):
+        return RailwayDrives(dataset, settings)
+    if isinstance(dataset, PlaceFolders):
+        return PlaceFolderDrives(dataset, settings)
+    return dataset if isinstance(dataset, LocalizationSource) else None

@@ -1,0 +1,107 @@
+"""Drives through a town under seasons, and through a city that is mapped in all directions."""
+
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
+
+from sextant.data.localization.drive import Drive
+from sextant.data.localization.localization_data import LocalizationData, first_share
+from sextant.data.localization.simulated_odometry import CAR_WHEELS, simulated_motion
+from sextant.data.localization.source import DriveSettings
+from sextant.data.places import ImageRows
+from sextant.data.rendered import RenderedSource
+from sextant.data.rendered.splits import RenderedSplit
+from sextant.errors import UserError
+
+#: of each drive through the city
+VALIDATION_SHARE = 0.2
+
+
+class _TownSource(RenderedSource):
+    """A rendered town whose drives get the odometry of a car."""
+
+    def __init__(self, dataset: Any, settings: DriveSettings | None = None):
+        super().__init__(dataset)
+        self.settings = settings or DriveSettings()
+
+    def conditions(self) -> tuple[str, ...]:
+        """Those of the config, the map's first; nothing is rendered."""
+        return tuple(self.dataset.plan().condition_names)
+
+    def fingerprint(self) -> str:
+        """Hash of the config, of the source that renders it, and of the settings."""
+        return self.settings.identity(super().fingerprint())
+
+    def _drive(self, split: RenderedSplit, rows: ndarray, name: str, condition: str, *, moving: bool = True) -> Drive:
+        poses = np.ascontiguousarray(split.columns["pose"][rows][:, [0, 1, 3]])
+        scale, seed = self.settings.odometry_scale, self.settings.odometry_seed
+        return Drive.of(
+            name,
+            condition,
+            poses,
+            motion=simulated_motion(poses, CAR_WHEELS, scale, seed, name) if moving else None,
+            images=ImageRows(split.images, split.rows[rows]),
+            odometry="simulated" if moving else "none",
+        )
+
+
+class TownSeasonsDrives(_TownSource):
+    """The traverses of :class:`~sextant.data.worlds.TownSeasons`: the first condition's drive of a town is its map.
+
+    The drives of the test town under the other conditions are for the test, those of the validation town, which have a
+    map of their own, for validation.
+    """
+
+    def read(self) -> LocalizationData:
+        """All drives, rendered first if need be.
+
+        Raises:
+            UserError: there is no condition beside the map's.
+        """
+        conditions = self.conditions()
+        if len(conditions) < 2:
+            raise UserError(
+                f"dataset.conditions={list(conditions)}: the first is the map's, and none is left to localize",
+                "dataset.conditions=[summer_noon,winter_noon]",
+            )
+        first, *test = self._town("test", conditions)
+        validation_map, *validation = self._town("val", conditions)
+        return LocalizationData(
+            first, tuple(test), tuple(validation), validation_map, "m", "town", other_maps=tuple(test)
+        )
+
+    def _town(self, split: str, conditions: tuple[str, ...]) -> list[Drive]:
+        found = self.read_split(split, f"dataset.frames.{split}=300")
+        drives = []
+        for number, condition in enumerate(conditions):
+            rows = np.flatnonzero(found.columns["condition"] == number)
+            rows = rows[np.argsort(found.columns["place"][rows], kind="stable")]
+            drives.append(self._drive(found, rows, f"{split}/{condition}", condition))
+        return drives
+
+
+class TownCityDrives(_TownSource):
+    """The map of :class:`~sextant.data.worlds.TownCity`, and a drive under each condition.
+
+    The first fifth of each drive is for validation, in the same map.
+    """
+
+    def read(self) -> LocalizationData:
+        """All drives, rendered first if need be; pictures stay in the file they lie in."""
+        mapped = self.read_split("map", "dataset.images=172000")
+        queries = self.read_split("query", "dataset.query_frames=1000")
+        conditions = self.conditions()
+        whole = np.arange(len(mapped.rows))
+        drives = [
+            self._drive(queries, np.flatnonzero(queries.columns["condition"] == number), condition, condition)
+            for number, condition in enumerate(conditions)
+        ]
+        if min(len(drive) for drive in drives) < 2:
+            frames = self.dataset.plan().config["query_frames"]
+            raise UserError(
+                f"dataset.query_frames={frames} leaves none for validation or for the test", "dataset.query_frames=1000"
+            )
+        validation, test = first_share(drives, self.settings.share(VALIDATION_SHARE))
+        first = self._drive(mapped, whole, "map", conditions[0], moving=False)
+        return LocalizationData(first, test, validation, None, "m", "town")

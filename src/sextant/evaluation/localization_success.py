@@ -1,0 +1,199 @@
+"""Whether, how soon and for how long runs of localization know where they are; terms of `LocalizationProtocol`.
+
+Errors are tables of runs by frames; a drive that ended earlier, and a frame without an estimate, is nan. Times are in
+frames from the first one, which is 0. A run that never converged has ``NEVER`` for a time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+from numpy import ndarray
+from scipy import stats
+
+from sextant.evaluation.protocols import RECOVERY_HORIZON, LocalizationProtocol
+
+#: Where a time would stand, of a run that never converged.
+NEVER = -1
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of several independent runs, with Wilson's score interval (Wilson 1927, JASA 22).
+
+    Attributes:
+        count: of the runs for which it holds.
+        runs: all of them.
+        rate: their quotient; nan of no run.
+        low, high: ends of the interval for the probability.
+    """
+
+    count: int
+    runs: int
+    rate: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ConvergenceSummary:
+    """Runs that converged, and how long they took.
+
+    Attributes:
+        share: of the runs that converged.
+        median_frames, p90_frames: of the times of those that did; nan if none did.
+        tracking: mean over those of the share of later frames that are within; nan if none did.
+    """
+
+    share: Share
+    median_frames: float
+    p90_frames: float
+    tracking: float
+
+
+def within(
+    position: Float[ndarray, "runs frames"],
+    heading_deg: Float[ndarray, "runs frames"] | None,
+    protocol: LocalizationProtocol,
+) -> Bool[ndarray, "runs frames"]:
+    """Whether the errors of each frame are within the protocol's limits; nan is not.
+
+    Args:
+        position: errors in the protocol's unit.
+        heading_deg: absolute errors in degrees; not read where the protocol has no heading.
+        protocol: the limits.
+
+    Raises:
+        ValueError: an error is negative, or headings are needed and missing.
+    """
+    near = _within(position, protocol.position)
+    if protocol.heading_deg is None:
+        return near
+    if heading_deg is None or heading_deg.shape != position.shape:
+        raise ValueError(f"the protocol needs a heading error for each of {position.shape} position errors")
+    return np.asarray(near & _within(heading_deg, protocol.heading_deg))
+
+
+def converged_at(
+    inside: Bool[ndarray, "runs frames"],
+    frames: int,
+    *,
+    start: Int64[ndarray, " runs"] | int = 0,
+    horizon: int | None = None,
+) -> Int64[ndarray, " runs"]:
+    """The first t from ``start`` on with frames t .. t + ``frames`` - 1 all within; ``NEVER`` if there is none.
+
+    Args:
+        inside: what `within` says.
+        frames: how many running.
+        start: the first frame that counts, of all or of each run.
+        horizon: t is at most ``start`` + horizon; by default the drive's end.
+
+    Raises:
+        ValueError: ``frames`` is not positive or the horizon is negative.
+    """
+    if frames < 1 or (horizon is not None and horizon < 0):
+        raise ValueError(f"frames={frames} must be positive and horizon={horizon} not negative")
+    runs, length = inside.shape
+    if length < frames:
+        return np.full(runs, NEVER, np.int64)
+    sums = np.cumsum(np.pad(inside, ((0, 0), (1, 0))), axis=1, dtype=np.int64)
+    running = sums[:, frames:] - sums[:, :-frames] == frames  # (runs, frames that can be a t)
+    begin = np.broadcast_to(np.asarray(start, np.int64), (runs,))[:, None]
+    at = np.arange(running.shape[1])
+    running = running & (at >= begin)
+    if horizon is not None:
+        running &= at <= begin + horizon
+    return np.where(running.any(axis=1), running.argmax(axis=1), NEVER).astype(np.int64)
+
+
+def tracking_share(
+    inside: Bool[ndarray, "runs frames"],
+    converged: Int64[ndarray, " runs"],
+    length: Int64[ndarray, " runs"] | None = None,
+) -> Float[ndarray, " runs"]:
+    """Share of the frames from convergence to the end that are within; nan where a run never converged.
+
+    Args:
+        inside: what `within` says.
+        converged: what `converged_at` says.
+        length: frames of each drive, where they differ.
+    """
+    ends = np.full(len(inside), inside.shape[1]) if length is None else length
+    at = np.arange(inside.shape[1])
+    later = (at >= converged[:, None]) & (at < ends[:, None]) & (converged != NEVER)[:, None]
+    with np.errstate(invalid="ignore"):
+        return np.asarray((inside & later).sum(axis=1) / np.where(converged == NEVER, np.nan, later.sum(axis=1)))
+
+
+def share_of(holds: Bool[ndarray, " runs"], confidence: float = 0.95) -> Share:
+    """The share of runs for which something holds, with its interval."""
+    count, runs = int(holds.sum()), len(holds)
+    if runs == 0:
+        return Share(0, 0, float("nan"), 0.0, 1.0)
+    interval = stats.binomtest(count, runs).proportion_ci(confidence, "wilson")
+    return Share(count, runs, count / runs, float(interval.low), float(interval.high))
+
+
+def global_localization(
+    inside: Bool[ndarray, "runs frames"],
+    protocol: LocalizationProtocol,
+    *,
+    horizon: int | None = None,
+    length: Int64[ndarray, " runs"] | None = None,
+) -> ConvergenceSummary:
+    """Success from the start of the drives, the time to converge, and tracking thereafter.
+
+    Args:
+        inside: what `within` says.
+        protocol: how many frames running.
+        horizon: last frame at which a run may converge; by default the drive's end.
+        length: frames of each drive that count, where they differ: all of it, or those before a kidnap.
+    """
+    inside = _until(inside, length)
+    at = converged_at(inside, protocol.frames, horizon=horizon)
+    return _summary(at, at, tracking_share(inside, at, length))
+
+
+def recovery_after(
+    inside: Bool[ndarray, "runs frames"],
+    kidnapped_at: Int64[ndarray, " runs"],
+    protocol: LocalizationProtocol,
+    *,
+    horizon: int = RECOVERY_HORIZON,
+    length: Int64[ndarray, " runs"] | None = None,
+) -> ConvergenceSummary:
+    """Recovery from a kidnap: frame ``kidnapped_at`` is the first one at the new place, and times count from it.
+
+    Args:
+        inside: what `within` says.
+        kidnapped_at: frame of each run.
+        protocol: how many frames running.
+        horizon: a run recovers within so many frames, or it has not.
+        length: frames of each drive that count, where they differ: all of it, or those before the next kidnap.
+    """
+    inside = _until(inside, length)
+    at = converged_at(inside, protocol.frames, start=kidnapped_at, horizon=horizon)
+    return _summary(at, at - kidnapped_at, tracking_share(inside, at, length))
+
+
+def _until(
+    inside: Bool[ndarray, "runs frames"], length: Int64[ndarray, " runs"] | None
+) -> Bool[ndarray, "runs frames"]:
+    return inside if length is None else inside & (np.arange(inside.shape[1]) < length[:, None])
+
+
+def _within(errors: Float[ndarray, "runs frames"], limit: float) -> Bool[ndarray, "runs frames"]:
+    if (errors < 0).any():
+        raise ValueError("an error is negative; absolute errors are needed")
+    return np.asarray(errors <= limit)  # nan is not
+
+
+def _summary(
+    at: Int64[ndarray, " runs"], took: Int64[ndarray, " runs"], tracking: Float[ndarray, " runs"]
+) -> ConvergenceSummary:
+    done = at != NEVER
+    if not done.any():
+        return ConvergenceSummary(share_of(done), float("nan"), float("nan"), float("nan"))
+    median, p90 = np.percentile(took[done], (50, 90))
+    return ConvergenceSummary(share_of(done), float(median), float(p90), float(tracking[done].mean()))

@@ -1,0 +1,128 @@
+r"""How many particles a method needs, and how many times more than another.
+
+:math:`N_{95}` is the smallest of the counts tried at which at least 95 % of the seeds succeed. A method that reaches
+this at none has a censored one: it lies above the largest count tried, and so does a ratio that it is part of lie in an
+interval instead of being a number. Both are carried as intervals: :math:`N_a / N_b` is in ``[least, most]``, with
+``most = inf`` if a is censored, ``least = 0`` if b is, and both if both are.
+
+The interval for the ratio resamples seeds with replacement (a percentile bootstrap) and takes the lower quantile of
+the lower ends and the upper one of the upper ends, so that censoring can only make it wider. Seeds are resampled
+jointly for both methods if they have the same ones. Where all seeds agree at every count the bootstrap has nothing to
+vary and the interval is a point: it says nothing of the counts between those tried, or of rarer failures.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+from numpy import ndarray
+
+from sextant.evaluation.protocols import ENOUGH_SUCCESS
+
+
+@dataclass(frozen=True)
+class CountRatio:
+    """How many times as many particles the first method needs as the second.
+
+    Attributes:
+        least, most: what the ratio lies between; equal unless it is censored.
+        low, high: ends of the bootstrap interval.
+        censored: share of the resamples in which a method never succeeded often enough.
+    """
+
+    least: float
+    most: float
+    low: float
+    high: float
+    censored: float
+
+    def __str__(self) -> str:
+        interval = f"[{self.low:.3g}, {self.high:.3g}]"
+        if self.least == self.most:
+            return f"{self.least:.3g} {interval}"
+        if self.least == 0 and math.isinf(self.most):
+            return f"unknown: neither method succeeds often enough {interval}"
+        return (
+            f"at least {self.least:.3g} {interval}" if math.isinf(self.most) else f"at most {self.most:.3g} {interval}"
+        )
+
+
+def particles_needed(
+    counts: Int64[ndarray, " k"], successes: Bool[ndarray, "k seeds"], level: float = ENOUGH_SUCCESS
+) -> float:
+    """The smallest count at which a share of at least ``level`` of the seeds succeeds; inf if none does.
+
+    Raises:
+        ValueError: counts do not ascend, there is no seed, or the level is not in (0, 1].
+    """
+    _check(counts, successes, level)
+    return float(_needed(counts, successes.mean(axis=1), level))
+
+
+def needed_ratio(
+    first: tuple[Int64[ndarray, " k"], Bool[ndarray, "k seeds"]],
+    second: tuple[Int64[ndarray, " j"], Bool[ndarray, "j seeds2"]],
+    *,
+    level: float = ENOUGH_SUCCESS,
+    paired: bool = True,
+    confidence: float = 0.95,
+    resamples: int = 10_000,
+    seed: int = 0,
+) -> CountRatio:
+    """The ratio of the particles that two methods need, with a bootstrap interval over seeds.
+
+    Args:
+        first, second: particle counts, ascending, and which seeds succeeded at each.
+        level: share of the seeds that must succeed.
+        paired: both methods have the same seeds, in the same order.
+        confidence: of the interval.
+        resamples: of the bootstrap.
+        seed: of its generator.
+
+    Raises:
+        ValueError: as for `particles_needed`, or paired methods differ in their number of seeds.
+    """
+    for counts, successes in (first, second):
+        _check(counts, successes, level)
+    sizes = first[1].shape[1], second[1].shape[1]
+    if paired and sizes[0] != sizes[1]:
+        raise ValueError(f"paired methods need the same seeds, got {sizes[0]} and {sizes[1]}")
+    rng = np.random.default_rng(seed)
+    drawn = [rng.multinomial(size, np.full(size, 1 / size), resamples) / size for size in sizes]  # (resamples, seeds)
+    if paired:
+        drawn[1] = drawn[0]
+    again = [_needed(c, (draw @ ok.T).T, level) for (c, ok), draw in zip((first, second), drawn, strict=True)]
+    once = [np.array([particles_needed(*method, level)]) for method in (first, second)]
+    largest = float(first[0][-1]), float(second[0][-1])
+    (least,), (most,) = _ratio(once[0], once[1], largest)
+    lower, upper = _ratio(again[0], again[1], largest)
+    tail = (1 - confidence) / 2
+    return CountRatio(
+        float(least),
+        float(most),
+        float(np.quantile(lower, tail, method="lower")),
+        float(np.quantile(upper, 1 - tail, method="higher")),
+        float((lower != upper).mean()),
+    )
+
+
+def _needed(counts: Int64[ndarray, " k"], rates: Float[ndarray, "k *batch"], level: float) -> Float[ndarray, "*batch"]:
+    enough = rates >= level - 1e-9
+    return np.asarray(np.where(enough.any(axis=0), counts[enough.argmax(axis=0)], np.inf))
+
+
+def _ratio(
+    first: Float[ndarray, " n"], second: Float[ndarray, " n"], largest: tuple[float, float]
+) -> tuple[Float[ndarray, " n"], Float[ndarray, " n"]]:
+    """Least and most of the ratio."""
+    least = np.where(np.isinf(second), 0.0, np.minimum(first, largest[0]) / second)
+    most = np.where(np.isinf(first), np.inf, first / np.minimum(second, largest[1]))
+    return least, most
+
+
+def _check(counts: Int64[ndarray, " k"], successes: Bool[ndarray, "k seeds"], level: float) -> None:
+    if len(counts) != len(successes) or successes.size == 0 or counts[0] < 1 or (np.diff(counts) <= 0).any():
+        raise ValueError(f"need positive ascending counts and seeds for each, got {counts} and {successes.shape}")
+    if not 0 < level <= 1:
+        raise ValueError(f"level={level} must be in (0, 1]")

@@ -1,0 +1,206 @@
+r"""Absolute and relative errors of a trajectory, as the tool evo defines them.
+
+With :math:`Q_i` the reference and :math:`P_i` the estimated pose at frame i,
+
+.. math:: \mathrm{ATE}_i = \|t(P_i) - t(Q_i)\|, \qquad
+   \mathrm{RPE}_{ij} = \|t\big((Q_i^{-1} Q_j)^{-1} (P_i^{-1} P_j)\big)\|
+
+or the angle of the rotation in place of the length of the translation t. The estimate may first be moved by the rigid
+motion or similarity that brings its positions nearest to the reference in the least squares sense.
+
+Poses are ``(n, 3)`` triples x, y, heading (radians), or ``(n, 4, 4)`` matrices. Rotations are inverted by
+transposition; where a file has few digits the inverse matrix differs.
+
+Sources: S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", TPAMI 13(4),
+1991; J. Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012; the conventions (pairs, their
+ends, statistics) are those of M. Grupp's evo 1.38, against whose results the tests compare.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int64
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+Poses = Float[ndarray, "n 3"] | Float[ndarray, "n 4 4"]
+Alignment = Literal["none", "rigid", "similarity"]
+Part = Literal["translation", "rotation_deg"]
+
+
+@dataclass(frozen=True)
+class ErrorStatistics:
+    """Of the errors of a trajectory, in their unit; ``std`` divides by n, ``sse`` is the sum of squares."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+    sse: float
+
+    @classmethod
+    def of(cls, errors: Float[ndarray, " n"]) -> "ErrorStatistics":
+        """The statistics of errors.
+
+        Raises:
+            ValueError: there is none.
+        """
+        if errors.size == 0:
+            raise ValueError("a trajectory without errors has no statistics: no frame, or no pair at this distance")
+        squares = errors**2
+        return cls(
+            float(np.sqrt(squares.mean())),
+            float(errors.mean()),
+            float(np.median(errors)),
+            float(errors.std()),
+            float(errors.min()),
+            float(errors.max()),
+            float(squares.sum()),
+        )
+
+
+def absolute_errors(
+    reference: Poses, estimate: Poses, *, alignment: Alignment = "none", part: Part = "translation"
+) -> Float[ndarray, " n"]:
+    """The error of each pose: metres, or degrees of rotation in [0, 180].
+
+    Args:
+        reference, estimate: poses of the same frames.
+        alignment: what the estimate may be moved by first.
+        part: of the error.
+
+    Raises:
+        ValueError: shapes differ, or positions lie too much in a line to be aligned.
+    """
+    truth, guess = _matrices(reference, estimate)
+    if alignment != "none":
+        guess = align(truth, guess, scaled=alignment == "similarity")
+    if part == "translation":
+        return np.asarray(np.linalg.norm(guess[:, :-1, -1] - truth[:, :-1, -1], axis=1))
+    return _angle_deg(_between(truth, guess))
+
+
+def relative_errors(
+    reference: Poses,
+    estimate: Poses,
+    *,
+    delta: float = 1,
+    unit: Literal["frames", "m"] = "frames",
+    all_pairs: bool = False,
+    pairs_from: Literal["estimate", "reference"] = "estimate",
+    part: Part = "translation",
+) -> Float[ndarray, " pairs"]:
+    """The error of the motion between each pair of poses ``delta`` apart: metres, or degrees in [0, 180].
+
+    Args:
+        reference, estimate: poses of the same frames.
+        delta: distance between the poses of a pair.
+        unit: frames, or metres along the path.
+        all_pairs: pairs start at every pose, and in metres end at the later pose nearest to ``delta``, if that is
+            within a tenth of it. By default each pair starts where the last one ended, and in metres ends at the first
+            pose that is at least ``delta`` on.
+        pairs_from: the path along which metres are counted.
+        part: of the error.
+
+    Raises:
+        ValueError: shapes differ, or the distance is not positive or no whole number of frames.
+    """
+    truth, guess = _matrices(reference, estimate)
+    if not 0 < delta < np.inf or (unit == "frames" and delta != int(delta)):
+        raise ValueError(f"delta={delta} {unit} must be positive, and a whole number of frames")
+    if unit == "frames":
+        first = np.arange(0, max(len(truth) - int(delta), 0), 1 if all_pairs else int(delta))
+        second = first + int(delta)
+    else:
+        along = guess if pairs_from == "estimate" else truth
+        first, second = _pairs_by_path(along[:, :-1, -1], delta, all_pairs)
+    motions = _between(truth[first], truth[second]), _between(guess[first], guess[second])
+    errors = _between(*motions)
+    return np.asarray(np.linalg.norm(errors[:, :-1, -1], axis=1)) if part == "translation" else _angle_deg(errors)
+
+
+def align(
+    reference: Float[ndarray, "n k k"], estimate: Float[ndarray, "n k k"], *, scaled: bool
+) -> Float[ndarray, "n k k"]:
+    r"""The estimate moved by the s, R, t with least :math:`\sum_i \|s R\,t(P_i) + t - t(Q_i)\|^2`, R a rotation.
+
+    Planar poses are rotated within their plane, where evo, which works in space, could also turn them over.
+
+    Args:
+        reference, estimate: homogeneous matrices, of 3 rows in the plane and of 4 in space.
+        scaled: s is free; otherwise it is 1.
+
+    Raises:
+        ValueError: the positions leave the rotation open.
+    """
+    target, source = reference[:, :-1, -1], estimate[:, :-1, -1]
+    middle, centre = target.mean(axis=0), source.mean(axis=0)
+    left, values, right = np.linalg.svd((target - middle).T @ (source - centre) / len(target))
+    if np.count_nonzero(values > np.finfo(float).eps) < len(middle) - 1:
+        raise ValueError("the positions of a trajectory leave open how to align it: they lie in a line or a point")
+    signs = np.ones(len(middle))
+    signs[-1] = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    rotation = left * signs @ right
+    scale = values @ signs / ((source - centre) ** 2).sum(axis=1).mean() if scaled else 1.0
+    moved = estimate.copy()
+    moved[:, :-1, :-1] = rotation @ estimate[:, :-1, :-1]
+    moved[:, :-1, -1] = scale * source @ rotation.T + middle - scale * rotation @ centre
+    return moved
+
+
+def _matrices(reference: Poses, estimate: Poses) -> tuple[Float[ndarray, "n k k"], Float[ndarray, "n k k"]]:
+    if reference.shape != estimate.shape or len(reference) == 0:
+        raise ValueError(f"need estimates of the same frames, got {reference.shape} and {estimate.shape} poses")
+    return _homogeneous(reference), _homogeneous(estimate)
+
+
+def _homogeneous(poses: Poses) -> Float[ndarray, "n k k"]:
+    if poses.ndim == 3:
+        return poses.astype(np.float64)
+    x, y, heading = poses.T.astype(np.float64)
+    cosine, sine, zero, one = np.cos(heading), np.sin(heading), np.zeros(len(x)), np.ones(len(x))
+    return np.stack([cosine, -sine, x, sine, cosine, y, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+
+
+def _between(a: Float[ndarray, "n k k"], b: Float[ndarray, "n k k"]) -> Float[ndarray, "n k k"]:
+    """Each pose of b as its companion in a sees it."""
+    back = np.swapaxes(a[:, :-1, :-1], 1, 2)
+    out = b.copy()
+    out[:, :-1, :-1] = back @ b[:, :-1, :-1]
+    out[:, :-1, -1] = (back @ (b[:, :-1, -1:] - a[:, :-1, -1:]))[..., 0]
+    return out
+
+
+def _angle_deg(poses: Float[ndarray, "n k k"]) -> Float[ndarray, " n"]:
+    rotations = poses[:, :-1, :-1]
+    if rotations.shape[1] == 2:
+        return np.asarray(np.degrees(np.abs(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))))
+    return np.asarray(np.degrees(Rotation.from_matrix(rotations).magnitude())) if len(rotations) else np.zeros(0)
+
+
+def _pairs_by_path(
+    positions: Float[ndarray, "n d"], delta: float, all_pairs: bool
+) -> tuple[Int64[ndarray, " p"], Int64[ndarray, " p"]]:
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    if all_pairs:
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        first = np.arange(len(along) - 1)
+        right = np.clip(np.searchsorted(along, along[:-1] + delta), first + 1, len(along) - 1)
+        left = np.maximum(right - 1, first + 1)
+        wanted = along[:-1] + delta
+        nearer_left = np.abs(along[left] - wanted) <= np.abs(along[right] - wanted)
+        second = np.where(nearer_left, left, right)
+        second = np.searchsorted(along, along[second])  # standing still: the first pose of those at the same place
+        second = np.maximum(second, first + 1)
+        near = np.abs(along[second] - wanted) <= 0.1 * delta
+        return first[near], second[near]
+    marks, travelled = [0], 0.0
+    for number, step in enumerate(steps, start=1):
+        travelled += float(step)
+        if travelled >= delta:
+            marks.append(number)
+            travelled = 0.0
+    return np.array(marks[:-1], np.int64), np.array(marks[1:], np.int64)

@@ -1,0 +1,123 @@
+"""Particles over the map from above."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy import ndarray
+
+from sextant.figures.style import COLOURS, new_figure
+
+TRUTH, ESTIMATE, MAP, WEIGHTS = COLOURS[2], COLOURS[1], "#a5a39c", "plasma_r"
+#: Weights are coloured over so many orders of magnitude below the largest.
+DECADES = 4
+#: Positions of a map that are drawn at most, evenly taken; more would not be seen apart.
+MOST_POSITIONS = 20_000
+
+
+@dataclass(frozen=True)
+class ParticleFrame:
+    """One moment of a filter.
+
+    Attributes:
+        poses: of the particles, x, y in metres and heading in radians.
+        log_weights: up to a constant.
+        estimate: pose; None while lost.
+        truth: pose; None where it is not known.
+        title: such as the frame's number.
+        path: positions of the truth so far.
+    """
+
+    poses: Float[ndarray, "p 3"]
+    log_weights: Float[ndarray, " p"]
+    estimate: Float[ndarray, "3"] | None = None
+    truth: Float[ndarray, "3"] | None = None
+    title: str = ""
+    path: Float[ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+
+
+def particle_map(map_positions: Float[ndarray, "n 2"], frame: ParticleFrame, *, width: float = 6.0) -> Figure:
+    """Where the map's images are, the particles with their weights, the estimate and the truth.
+
+    Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. An arrow
+    points along a heading.
+
+    Args:
+        map_positions: metres.
+        frame: the moment.
+        width: of the figure in inches.
+
+    Raises:
+        ValueError: the map has no position.
+    """
+    if len(map_positions) == 0:
+        raise ValueError("the figure needs a map with at least one position")
+    figure, (axes,) = new_figure(width, map_height(map_positions, width))
+    draw_map(axes, map_positions)
+    draw_frame(axes, frame)
+    return figure
+
+
+def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
+    """Height in inches that suits a figure of a map, its labels included."""
+    across, along = np.subtract(*reversed(_bounds(map_positions)))
+    return float(np.clip(width * along / across, 2.0, 2 * width)) + 0.8
+
+
+def draw_map(axes: Axes, map_positions: Float[ndarray, "n 2"]) -> None:
+    """Draw a map's positions, set the limits of the axes and say below what the colours mean."""
+    (left, bottom), (right, top) = _bounds(map_positions)
+    some = map_positions[:: -(-len(map_positions) // MOST_POSITIONS)]
+    axes.scatter(some[:, 0], some[:, 1], s=3, color=MAP, linewidths=0, rasterized=True)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    heavy = to_hex(colormaps[WEIGHTS](1.0))
+    marks = {"map": (MAP, 2), "particles (dark: heavy)": (heavy, 3), "truth": (TRUTH, 6), "estimate": (ESTIMATE, 6)}
+    handles = [Line2D([], [], color=c, marker="o", markersize=s, ls="", label=name) for name, (c, s) in marks.items()]
+    axes.figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=7)
+
+
+def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
+    """Draw what changes from frame to frame on axes with a map, and return its artists (but for the title)."""
+    arrow_m = 0.06 * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    order = np.argsort(frame.log_weights)
+    share = np.exp(np.maximum(frame.log_weights - frame.log_weights.max(), -DECADES * np.log(10)))
+    dots = axes.scatter(
+        frame.poses[order, 0],
+        frame.poses[order, 1],
+        c=share[order],
+        norm=LogNorm(10.0**-DECADES, 1.0),
+        cmap=WEIGHTS,
+        s=7,
+        linewidths=0,
+    )
+    artists: list[Artist] = [dots]
+    axes.set_title(frame.title, fontsize=9)
+    if len(frame.path):
+        artists += axes.plot(*frame.path.T, color=TRUTH, linewidth=1.0, alpha=0.7)
+    for pose, colour in ((frame.truth, TRUTH), (frame.estimate, ESTIMATE)):
+        if pose is None:
+            continue
+        x, y, heading = pose
+        artists += axes.plot(x, y, "o", color=colour, markersize=6, markeredgecolor="white")
+        artists.append(
+            axes.annotate(
+                "",
+                (x + arrow_m * np.cos(heading), y + arrow_m * np.sin(heading)),
+                (x, y),
+                arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.6},
+            )
+        )
+    return artists
+
+
+def _bounds(positions: Float[ndarray, "n 2"]) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    # a railway has no width: it is given a tenth of its length, so that the particles beside it are seen
+    margin = np.maximum(0.03 * (high - low), max(0.05 * float((high - low).max()), 1.0))
+    return low - margin, high + margin

@@ -1,0 +1,88 @@
+"""Errors of localization along drives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy import ndarray
+
+from sextant.evaluation.protocols import LocalizationProtocol
+from sextant.figures.style import COLOURS, new_figure, plain
+
+#: An error of exactly nothing has no place on a logarithmic axis; it is drawn at this share of the limit.
+FLOOR = 1e-3
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """Errors of one run.
+
+    Attributes:
+        position: of each frame, in the protocol's unit; nan without an estimate.
+        heading_deg: of each frame; None without headings.
+        converged: frame from which the run had converged; None if it never did.
+        kidnapped: frames at which the truth jumped.
+    """
+
+    position: Float[ndarray, " frames"]
+    heading_deg: Float[ndarray, " frames"] | None = None
+    converged: int | None = None
+    kidnapped: tuple[int, ...] = ()
+
+
+def trajectory_errors(runs: Mapping[str, RunErrors], protocol: LocalizationProtocol) -> Figure:
+    """Position and heading error over frames on logarithmic axes, one curve a run.
+
+    A dot marks where a run converged, a dotted line where it was kidnapped, a shade what is within the protocol.
+
+    Args:
+        runs: by name.
+        protocol: the limits; without a heading there is one panel.
+
+    Raises:
+        ValueError: there is no run, or one has no headings where the protocol has a limit for them.
+    """
+    if not runs:
+        raise ValueError("the figure needs at least one run")
+    both = protocol.heading_deg is not None
+    if both and any(run.heading_deg is None for run in runs.values()):
+        raise ValueError("the protocol limits the heading, but a run has no heading errors")
+    figure, panels = new_figure(7.2, 4.6 if both else 2.8, rows=2 if both else 1)
+    for colour, (name, run) in zip(_colours(len(runs)), runs.items(), strict=True):
+        _draw(panels[0], run.position, run, colour, protocol.position, name)
+        if protocol.heading_deg is not None and run.heading_deg is not None:
+            _draw(panels[1], run.heading_deg, run, colour, protocol.heading_deg, name)
+    _finish(panels[0], protocol.position, f"position error ({protocol.unit})")
+    if protocol.heading_deg is not None:
+        _finish(panels[1], protocol.heading_deg, "heading error (°)")
+        panels[1].sharex(panels[0])
+    panels[-1].set_xlabel("frame")
+    panels[0].legend(frameon=False, fontsize=8, loc="upper right")
+    return figure
+
+
+def _draw(axes: Axes, errors: Float[ndarray, " frames"], run: RunErrors, colour: str, limit: float, name: str) -> None:
+    shown = np.maximum(errors, FLOOR * limit)
+    axes.plot(np.arange(len(shown)), shown, color=colour, linewidth=1.1, label=name)
+    if run.converged is not None:
+        axes.plot(
+            run.converged, shown[run.converged], "o", color=colour, markersize=6, markeredgecolor="white", zorder=3
+        )
+    for frame in run.kidnapped:
+        axes.axvline(frame, color=colour, linestyle=":", linewidth=1.1)
+
+
+def _finish(axes: Axes, limit: float, label: str) -> None:
+    axes.set_yscale("log")
+    bottom = axes.get_ylim()[0]
+    axes.axhspan(bottom, limit, color=COLOURS[2], alpha=0.1, linewidth=0)
+    axes.set(ylabel=label, ylim=(bottom, None))
+    axes.margins(x=0)
+    plain(axes)
+
+
+def _colours(number: int) -> list[str]:
+    return [COLOURS[i % len(COLOURS)] for i in range(number)]

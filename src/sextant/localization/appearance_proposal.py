@@ -1,0 +1,83 @@
+r"""Map images drawn by how well they explain an observation.
+
+.. math:: q(i) = \frac{e^{l(z \mid x_i)}}{\sum_{j \in C} e^{l(z \mid x_j)}}, \; i \in C, \qquad
+   \log Z = \log \frac1N \sum_{j=1}^N e^{l(z \mid x_j)}
+
+with C all images of the map or the best K. Z is the evidence of z under a prior that is uniform over the map's poses.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class AppearanceProposal:
+    r"""The distribution q of r runs, made with :meth:`of`.
+
+    Attributes:
+        log_scores: :math:`l(z | x_i)` of the images in C; -inf for images that are out of the question.
+        cumulative: sums of :math:`e^l` over C, relative to the run's best.
+        log_total: :math:`\log \sum_C e^l`; -inf where no image explains the observation at all.
+        log_evidence: :math:`\log Z`.
+        images: N.
+        rows: which images are in C; None for all.
+    """
+
+    log_scores: Float64[Tensor, "r c"]
+    cumulative: Float64[Tensor, "r c"]
+    log_total: Float64[Tensor, "r"]
+    log_evidence: Float64[Tensor, "r"]
+    images: int
+    rows: Int64[Tensor, "r c"] | None = None
+
+    @classmethod
+    def of(cls, log_likelihood: Float64[Tensor, "r n"], top: int | None = None) -> "AppearanceProposal":
+        """From :meth:`Evidence.over_map`; images whose value is not finite are never drawn.
+
+        Args:
+            log_likelihood: of each run's observation at the pose of every image.
+            top: K; None for all images.
+        """
+        images = log_likelihood.shape[1]
+        best = log_likelihood.amax(1, keepdim=True)
+        if not bool(best.isfinite().all()):  # nan and inf are looked for only where there is a sign of them
+            log_likelihood = torch.where(log_likelihood.isfinite(), log_likelihood, -torch.inf)
+            best = log_likelihood.amax(1, keepdim=True)
+        base = torch.where(best.isfinite(), best, 0.0)
+        cumulative = (log_likelihood - base).exp_().cumsum_(1)
+        log_total = (cumulative[:, -1:].log() + base)[:, 0]
+        log_evidence = log_total - math.log(images)
+        if top is None or top >= images:
+            return cls(log_likelihood, cumulative, log_total, log_evidence, images)
+        scores, rows = log_likelihood.topk(top, dim=1)
+        cumulative = (scores - base).exp_().cumsum_(1)
+        log_total = (cumulative[:, -1:].log() + base)[:, 0]
+        return cls(scores, cumulative, log_total, log_evidence, images, rows)
+
+    def draw(
+        self, count: int | Int64[Tensor, "r"], generator: torch.Generator
+    ) -> tuple[Int64[Tensor, "r k"], Float64[Tensor, "r k"]]:
+        r"""Rows of the map with probability q each, stratified; and their :math:`l(z | x_i)`.
+
+        :math:`\log q(i)` is the latter less ``log_total``. In a run whose ``log_total`` is -inf there is nothing to
+        draw, and its rows mean nothing.
+
+        Args:
+            count: one number for all runs or one for each. Then the result is as wide as the largest, and what stands
+                beyond a run's own count means nothing.
+            generator: of random numbers.
+        """
+        device = self.cumulative.device
+        counts = torch.as_tensor(count, device=device).expand(len(self.cumulative))[:, None]
+        width = int(counts.max())
+        jitter = torch.rand(len(counts), width, generator=generator, dtype=torch.float64, device=device)
+        quantiles = (torch.arange(width, device=device) + jitter) / counts.clamp(min=1)
+        total = self.cumulative[:, -1:].contiguous()
+        last = torch.searchsorted(self.cumulative, total)  # images after it have no weight
+        place = torch.searchsorted(self.cumulative, quantiles * total, right=True).minimum(last)
+        scores = self.log_scores.gather(1, place)
+        return (place if self.rows is None else self.rows.gather(1, place)), scores

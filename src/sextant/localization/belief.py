@@ -1,0 +1,57 @@
+"""What a particle filter believes: weighted poses, in the log domain."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Belief:
+    r"""Weighted particles of r runs, :math:`p(x) \approx \sum_i W_i \, \delta(x - x_i)` with :math:`\sum_i W_i = 1`.
+
+    Attributes:
+        poses: x, y in metres and heading in rad.
+        log_weights: :math:`\log W`, normalised in each run; -inf marks a particle that stands for nothing.
+    """
+
+    poses: Float64[Tensor, "r p 3"]
+    log_weights: Float64[Tensor, "r p"]
+
+    @classmethod
+    def of(cls, poses: Float64[Tensor, "r p 3"], log_weights: Float64[Tensor, "r p"]) -> "Belief":
+        """A belief from weights that need not be normalised.
+
+        Raises:
+            ValueError: there is no particle, or a run has no particle with a weight above zero, or one that is nan.
+        """
+        if poses.shape[1] == 0:
+            raise ValueError("a belief needs at least one particle")
+        total = log_weights.logsumexp(1, keepdim=True)
+        if not bool(total.isfinite().all()):
+            raise ValueError(
+                "each run needs a particle with a weight above zero, and no weight that is nan or infinite"
+            )
+        return cls(poses, log_weights - total)
+
+    @classmethod
+    def uniform(cls, poses: Float64[Tensor, "r p 3"]) -> "Belief":
+        """All particles weigh the same.
+
+        Raises:
+            ValueError: there is no particle.
+        """
+        if poses.shape[1] == 0:
+            raise ValueError("a belief needs at least one particle")
+        return cls(poses, poses.new_full(poses.shape[:2], -math.log(poses.shape[1])))
+
+    @property
+    def weights(self) -> Float64[Tensor, "r p"]:
+        """They sum to one in each run."""
+        return self.log_weights.exp()
+
+    def ess(self) -> Float64[Tensor, "r"]:
+        r"""Effective sample size :math:`1 / \sum_i W_i^2`, from 1 to p (Kong, Liu & Wong, JASA 1994)."""
+        return torch.exp(-(2 * self.log_weights).logsumexp(1))

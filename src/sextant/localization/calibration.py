@@ -1,0 +1,81 @@
+r"""How far a likelihood of descriptors is to be trusted: fitted on a traverse whose poses are known.
+
+A Gaussian process that was fitted on a map is sure of what an image at a pose looks like in the map's own light. Under
+another season, and with D = 128 outputs whose errors go together, :math:`\log p(z \mid x)` is far too sharp: on a real
+railway the posterior over places is then worse than a uniform one. Three remedies, each from validation images z at
+known poses, none of which is in the map:
+
+- *whitening*: errors :math:`e = z - y` between a validation image and the map image nearest to it have the covariance
+  :math:`S = (1 - \lambda) \overline{e e^\top} + \lambda \bar s I`; all descriptors are multiplied by
+  :math:`\sqrt{\bar s}\, S^{-1/2}`, with :math:`\bar s = \operatorname{tr} S / D`, before anything else is done;
+- *appearance noise*: :math:`\sigma_a^2 = \max(0, \overline{\lVert z - \mu(x)\rVert^2} / D - \overline{s^2(x)})`, at the
+  true poses x, is added to the variance everywhere;
+- *tempering*: the log-likelihood is multiplied by the :math:`\beta` that makes the posterior over map images most
+  likely to be right, ``1 / T`` of :func:`~sextant.evaluation.place_posterior.fit_temperature`.
+
+Source: P. Pfaff, C. Plagemann, W. Burgard, "Improved likelihood models for probabilistic localization based on
+range scans", IROS 2007, on why
+likelihoods of sensors with dependent errors must be smoothed; A. Jaenal et al., Sensors 21:2483, 2021, for appearance
+change as white noise.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.evaluation.place_posterior import PlacePosterior, fit_temperature, place_posterior
+from sextant.evaluation.positives import Positives
+from sextant.localization.likelihood import Likelihood
+
+#: share of the mean variance in the covariance of errors: with fewer images than dimensions there is no other way
+SHRINKAGE = 0.2
+
+
+def error_whitening(errors: Float[Tensor, "v d"], shrinkage: float = SHRINKAGE) -> Float[Tensor, "d d"]:
+    r"""``√s̄ S^(-1/2)`` of errors whose covariance about zero is S, shrunk; symmetric.
+
+    Raises:
+        ValueError: there is no error, all are zero, or the shrinkage is not in (0, 1].
+    """
+    if not 0 < shrinkage <= 1:
+        raise ValueError(f"shrinkage={shrinkage} must be in (0, 1]")
+    rows = errors.double()
+    covariance = rows.mT @ rows / max(len(rows), 1)
+    mean = covariance.diagonal().mean()
+    if not mean > 0:
+        raise ValueError("there are no errors to whiten")
+    shrunk = (1 - shrinkage) * covariance + shrinkage * mean * torch.eye(len(covariance), dtype=rows.dtype)
+    values, vectors = torch.linalg.eigh(shrunk)
+    return (vectors * (mean / values).sqrt()) @ vectors.mT
+
+
+def appearance_noise(squared: Float[Tensor, " v"], variance: Float[Tensor, " v"], dimension: int) -> float:
+    r""":math:`\sigma_a^2` from squared errors at the true poses, and the variances predicted there."""
+    return max(0.0, float(squared.mean()) / dimension - float(variance.mean()))
+
+
+def tempered(likelihood: Likelihood, scores: Float[Tensor, "v n"], positives: Positives) -> Likelihood:
+    """The likelihood with the tempering that suits best.
+
+    Args:
+        likelihood: its ``tempering`` is replaced.
+        scores: log-likelihoods of v validation images at the poses of n map images, without tempering.
+        positives: map images at the place of each validation image.
+
+    Raises:
+        ValueError: no validation image has a positive, or all scores are equal.
+    """
+    return replace(likelihood, tempering=1 / fit_temperature(_array(scores), positives))
+
+
+def posterior(scores: Float[Tensor, "v n"], positives: Positives, tempering: float) -> PlacePosterior:
+    """The posterior over map images at a tempering; see :mod:`sextant.evaluation.place_posterior`."""
+    return place_posterior(_array(scores), positives, 1 / tempering)
+
+
+def _array(scores: Tensor) -> np.ndarray:
+    # a posterior does not change with what is added to a row, and float32 then keeps the digits that matter
+    return np.asarray((scores - scores.max(dim=1, keepdim=True).values).numpy(), np.float32)

@@ -1,0 +1,106 @@
+"""A map: images, told by their descriptors, at known poses."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from jaxtyping import Float32, Float64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.geometry.planar import wrap_angle
+
+#: Descriptor rows that are looked at together, so that a mapped file larger than memory is read in pieces.
+BLOCK = 16_384
+NAMED = 5
+
+
+@dataclass(frozen=True)
+class DescriptorMap:
+    """What is known of n places, in no order.
+
+    Attributes:
+        poses: x, y in metres and heading in rad; no two rows alike when made by :meth:`of`.
+        descriptors: of the images taken there; may be a view of a mapped file.
+        mean: of the descriptors: what a Gaussian process falls back to far from the map.
+    """
+
+    poses: Float64[Tensor, "n 3"]
+    descriptors: Float32[Tensor, "n d"]
+    mean: Float32[Tensor, " d"]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def dimension(self) -> int:
+        """Values of a descriptor."""
+        return int(self.descriptors.shape[1])
+
+    @classmethod
+    def of(
+        cls, poses: Float64[Tensor, "n 3"], descriptors: Float32[Tensor, "m d"], *, merge_duplicates: bool = False
+    ) -> Self:
+        """A map of images at known poses, checked.
+
+        Args:
+            poses: of the images.
+            descriptors: of the same images in the same order; not copied.
+            merge_duplicates: images at exactly the same pose become one image with their mean descriptor, where the
+                first of them was.
+
+        Raises:
+            UserError: there is no image, a pose or descriptor is not finite, there is not one pose for each
+                descriptor, or two poses are equal and are not to be merged.
+        """
+        if len(poses) != len(descriptors):
+            raise UserError(
+                f"the map has {len(poses)} poses and {len(descriptors)} descriptors",
+                "Give one pose for each image, in the same order.",
+            )
+        if len(poses) == 0 or descriptors.shape[1] == 0:
+            raise UserError("the map is empty: it has no image with a descriptor", "Name images with known poses.")
+        _refuse(~torch.isfinite(poses).all(dim=1), "poses that are not finite", "Leave these images out.")
+        broken = torch.cat([~torch.isfinite(rows).all(dim=1) for rows in descriptors.split(BLOCK)])
+        _refuse(broken, "descriptors that are not finite", "Leave these images out, or describe them anew.")
+        first = _first_of_equals(poses)
+        repeated = first != torch.arange(len(poses))
+        if merge_duplicates and bool(repeated.any()):
+            poses, descriptors = _merged(poses, descriptors, first)
+        else:
+            _refuse(
+                repeated,
+                "poses that an earlier image has too (same x, y and heading)",
+                "Leave these images out, or merge them (merge_duplicates=true keeps one with their mean descriptor).",
+            )
+        return cls(poses, descriptors, _mean(descriptors))
+
+
+def _refuse(wrong: Tensor, what: str, fix: str) -> None:
+    rows = wrong.nonzero().flatten().tolist()
+    if rows:
+        named = ", ".join(map(str, rows[:NAMED])) + (", ..." if len(rows) > NAMED else "")
+        raise UserError(f"the map has {len(rows)} {what}: rows {named}, counted from 0", fix)
+
+
+def _first_of_equals(poses: Tensor) -> Tensor:
+    """For every row, the first row with the same pose; headings a turn apart are the same."""
+    wrapped = torch.cat([poses[:, :2], wrap_angle(poses[:, 2:])], dim=1)
+    _, group = torch.unique(wrapped + 0.0, dim=0, return_inverse=True)  # -0 + 0 is 0: both are one place
+    rows = torch.arange(len(poses))
+    first = torch.full((len(poses),), len(poses)).scatter_reduce(0, group, rows, "amin")
+    return first[group]
+
+
+def _merged(poses: Tensor, descriptors: Tensor, first: Tensor) -> tuple[Tensor, Tensor]:
+    kept, group = torch.unique(first, return_inverse=True)
+    total = torch.zeros(len(kept), descriptors.shape[1], dtype=torch.float64)
+    total.index_add_(0, group, descriptors.double())
+    return poses[kept], (total / torch.bincount(group)[:, None]).float()
+
+
+def _mean(descriptors: Tensor) -> Tensor:
+    total = torch.zeros(descriptors.shape[1], dtype=torch.float64)
+    for rows in descriptors.split(BLOCK):
+        total += rows.sum(dim=0, dtype=torch.float64)
+    return (total / len(descriptors)).float()

@@ -1,0 +1,154 @@
+r"""One pose from a cloud of them: the mean of the cloud's heaviest part, and how many parts there are.
+
+A mean over all particles lies between two places that both look right, where nobody is. So the heaviest box of a grid
+over position and heading, with its neighbours, says where to look; and the mean is taken over the particles within a
+radius of it, moved to their mean a few times (mean shift with a flat kernel; Comaniciu & Meer, PAMI 2002).
+
+Means and covariances are weighted, with axes x, y of the map (metres) and heading (rad):
+
+.. math:: \mu = \Big(\bar x, \bar y, \bar\theta\Big), \qquad \Sigma = \sum_i W_i\, d_i d_i^\top, \qquad
+   d_i = (x_i - \bar x,\; y_i - \bar y,\; \mathrm{wrap}(\theta_i - \bar\theta)).
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float64, Int64
+from torch import Tensor
+
+from sextant.geometry.planar import wrap_angle
+from sextant.localization.belief import Belief
+from sextant.localization.pose_bins import PoseBins
+
+#: Mean-shift steps.
+SHIFTS = 2
+#: What a group of boxes must hold to count as a mode.
+MODE_MASS = 0.05
+#: What a box must hold to be in a group: a mode on the corner of boxes is shared by eight of them.
+BOX_MASS = MODE_MASS / 8
+#: Boxes of a run that are looked at, the heaviest.
+BOXES = 64
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The heaviest part of each run's belief.
+
+    Attributes:
+        pose: its mean.
+        covariance: about the mean, of the particles within the radius only; axes x, y of the map and heading.
+        mass: of the particles within the radius: how sure the filter is of this part.
+        modes: groups of neighbouring boxes that hold more than 5 % of the mass together; 0 if the belief is spread so
+            wide that no box stands out.
+    """
+
+    pose: Float64[Tensor, "r 3"]
+    covariance: Float64[Tensor, "r 3 3"]
+    mass: Float64[Tensor, "r"]
+    modes: Int64[Tensor, "r"]
+
+
+def estimate(belief: Belief, radius: float, heading_radius: float = math.radians(30)) -> Estimate:
+    """The mean of the dominant mode.
+
+    Args:
+        belief: of each run.
+        radius: metres; the side of a box, too.
+        heading_radius: rad.
+
+    Raises:
+        ValueError: a radius is not above 0.
+    """
+    if not (radius > 0 and heading_radius > 0):
+        raise ValueError(f"radius={radius} and heading_radius={heading_radius} must be above 0")
+    poses, weights = belief.poses, belief.weights
+    boxes = _heaviest_boxes(poses, weights, PoseBins(radius, heading_radius))
+    centre, chosen = boxes.middle, weights.masked_fill(~boxes.inside, 0.0)
+    apart = _difference(poses, centre)
+    for _ in range(SHIFTS):
+        centre = _moved(centre, _mean(chosen, apart))
+        apart = _difference(poses, centre)
+        x, y, heading = apart.unbind(2)
+        outside = (x * x + y * y > radius * radius) | (heading.abs() > heading_radius)
+        nearer = weights.masked_fill(outside, 0.0)
+        # the mean of a ring may be far from all of it: then the particles stay the same
+        chosen = torch.where((nearer.sum(1) > 0)[:, None], nearer, chosen)
+    shift = _mean(chosen, apart)
+    return Estimate(_moved(centre, shift), _covariance(chosen, apart, shift), chosen.sum(1), boxes.modes)
+
+
+def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tensor, "r 3 3"]]:
+    r"""Mean and covariance over all particles, with the heading's mean :math:`\arg \sum_i W_i e^{i\theta_i}`."""
+    poses, weights = belief.poses, belief.weights
+    heading = torch.atan2((weights * poses[..., 2].sin()).sum(1), (weights * poses[..., 2].cos()).sum(1))
+    pose = torch.cat([_mean(weights, poses[..., :2]), wrap_angle(heading)[:, None]], dim=1)
+    apart = _difference(poses, pose)
+    return pose, _covariance(weights, apart, torch.zeros_like(pose))
+
+
+@dataclass(frozen=True)
+class _Boxes:
+    """The heaviest box of each run: its particles, a pose near them, and the number of groups of heavy boxes."""
+
+    inside: Bool[Tensor, "r p"]
+    middle: Float64[Tensor, "r 3"]
+    modes: Int64[Tensor, "r"]
+
+
+def _heaviest_boxes(poses: Tensor, weights: Tensor, bins: PoseBins) -> _Boxes:
+    cells = bins.cells(poses)
+    keys = bins.keys(cells)
+    ordered, order = keys.sort(1)
+    group = torch.nn.functional.pad((ordered[:, 1:] != ordered[:, :-1]).cumsum(1), (1, 0))
+    masses = torch.zeros_like(weights).scatter_add_(1, group, weights.gather(1, order))
+    mass, box = masses.topk(min(BOXES, masses.shape[1]), dim=1)
+    looked_at = int((mass > BOX_MASS).sum(1).max().clamp(min=1))
+    mass, box = mass[:, :looked_at].contiguous(), box[:, :looked_at].contiguous()
+    member = order.gather(1, torch.searchsorted(group, box).clamp(max=group.shape[1] - 1))
+    near = _neighbours(cells.gather(1, member[..., None].expand(-1, -1, 3)), bins.turns)
+    heavy = mass > BOX_MASS
+    heavy[:, 0] = True
+    around = (near @ mass[..., None])[..., 0] + 1e-9 * mass  # of boxes with the same surroundings, the heavier
+    first = member.gather(1, around.masked_fill(~heavy, 0.0).argmax(1, keepdim=True))
+    middle = poses.gather(1, first[..., None].expand(-1, -1, 3))[:, 0]
+    return _Boxes(keys == keys.gather(1, first), middle, _modes(near, mass.masked_fill(mass <= BOX_MASS, 0.0)))
+
+
+def _neighbours(cell: Int64[Tensor, "r b 3"], turns: int) -> Float64[Tensor, "r b b"]:
+    apart = (cell[:, :, None] - cell[:, None]).abs()
+    apart[..., 2] = torch.minimum(apart[..., 2], turns - apart[..., 2])
+    return (apart <= 1).all(3).double()
+
+
+def _modes(near: Float64[Tensor, "r b b"], mass: Float64[Tensor, "r b"]) -> Int64[Tensor, "r"]:
+    """Groups of boxes that hang together and are heavy: each box counts for one over the number in its group."""
+    some = (mass > 0).double()
+    reach = near * some[:, :, None] * some[:, None]
+    for _ in range(max(1, mass.shape[1] - 1).bit_length()):
+        reach = (reach @ reach > 0).double()
+    heavy = (reach @ mass[..., None])[..., 0] > MODE_MASS
+    return (heavy * some / reach.sum(2).clamp(min=1)).sum(1).round().long()
+
+
+def _difference(poses: Tensor, centre: Tensor) -> Tensor:
+    apart = poses - centre[:, None]
+    apart[..., 2] = wrap_angle(apart[..., 2])
+    return apart
+
+
+def _moved(pose: Tensor, by: Tensor) -> Tensor:
+    pose = pose + by
+    return torch.cat([pose[:, :2], wrap_angle(pose[:, 2:])], dim=1)
+
+
+def _mean(weights: Float64[Tensor, "r p"], values: Float64[Tensor, "r p k"]) -> Float64[Tensor, "r k"]:
+    return (weights[:, None] @ values)[:, 0] / weights.sum(1, keepdim=True)
+
+
+def _covariance(
+    weights: Float64[Tensor, "r p"], apart: Float64[Tensor, "r p 3"], mean: Float64[Tensor, "r 3"]
+) -> Float64[Tensor, "r 3 3"]:
+    from_mean = apart - mean[:, None]
+    share = weights / weights.sum(1, keepdim=True)
+    return (from_mean * share[..., None]).transpose(1, 2) @ from_mean

@@ -1,0 +1,15 @@
+"""The kernel's hyper-parameters: positive, differentiable, and the likelihoods that choose them."""
+
+from sextant.localization.hyperparameters.joint_likelihood import joint_log_likelihood
+from sextant.localization.hyperparameters.ordering import maxmin_order, random_order
+from sextant.localization.hyperparameters.trainable_kernel import TrainableKernel
+from sextant.localization.hyperparameters.vecchia import Conditioning, vecchia_log_likelihood
+
+__all__ = [
+    "Conditioning",
+    "TrainableKernel",
+    "joint_log_likelihood",
+    "maxmin_order",
+    "random_order",
+    "vecchia_log_likelihood",
+]

@@ -1,0 +1,73 @@
+r"""Where the first image looks like the map.
+
+A map image i is drawn with :math:`q(i) \propto e^{l(z | x_i)}`, and the particle near it, :math:`x \sim p(x | i)`. So
+the image z is in the belief already, and must not weigh these particles once more. The weights that make the belief the
+posterior under the map's prior are
+
+.. math:: W \propto \frac{p_0(i, x)\, e^{l(z \mid x)}}{q(i)\, p(x \mid i)} \propto e^{l(z \mid x) - l(z \mid x_i)},
+
+which are uniform where the likelihood hardly changes over the jitter.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.appearance_proposal import AppearanceProposal
+from sextant.localization.belief import Belief
+from sextant.localization.initialisation.initialisation import Initialisation, weighed
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.observation.evidence import Evidence
+
+
+@dataclass(frozen=True)
+class AppearanceStart(Initialisation):
+    """Particles at the map images that the first image looks like.
+
+    Without a first image (no evidence, a run that has not ``seen`` one, or one that no image of the map explains),
+    particles are drawn from the map's prior.
+
+    Attributes:
+        top: only the best K images are drawn from; None for all.
+        weigh_jitter: weigh each particle by how its own pose explains the image, relative to the map image it was
+            drawn at. Exact, at the price of one likelihood a particle; without it, weights are uniform.
+
+    Raises:
+        UserError: ``top`` is below 1.
+    """
+
+    top: int | None = None
+    weigh_jitter: bool = False
+    uses_evidence = True
+
+    def __post_init__(self) -> None:
+        if self.top is not None and self.top < 1:
+            raise UserError(f"initialisation.top={self.top} must be at least 1", "Or null for all images of the map.")
+
+    def start(
+        self,
+        prior: MapPrior,
+        runs: int,
+        particles: int,
+        evidence: Evidence | None,
+        seen: Bool[Tensor, "r"] | None,
+        generator: torch.Generator,
+    ) -> Belief:
+        """Draws of q with jitter, and draws of the prior in runs without an image."""
+        anywhere = prior.sample(runs, particles, generator)
+        if evidence is None:
+            return Belief.uniform(anywhere)
+        proposal = AppearanceProposal.of(evidence.over_map(), self.top)
+        rows, scores = proposal.draw(particles, generator)
+        there = prior.around(rows, generator)
+        usable = proposal.log_total.isfinite()
+        if seen is not None:
+            usable = usable & seen
+        poses = torch.where(usable[:, None, None], there, anywhere)
+        log_weights = poses.new_zeros(poses.shape[:2])
+        if self.weigh_jitter:
+            log_weights = torch.where(usable[:, None], evidence.log_likelihood(poses) - scores, log_weights)
+        return weighed(poses, log_weights)

@@ -1,0 +1,74 @@
+r"""As many particles as the belief is wide.
+
+.. math:: n = \frac{k-1}{2\varepsilon} \Big\{1 - \frac{2}{9(k-1)} + \sqrt{\frac{2}{9(k-1)}}\, z_{1-\delta}\Big\}^3
+
+particles keep the Kullback-Leibler divergence between their histogram over k occupied boxes and the distribution they
+are drawn from below :math:`\varepsilon` with probability :math:`1-\delta`. The bracket is Wilson and Hilferty's
+approximation of a quantile of :math:`\chi^2_{k-1}`.
+
+Source: D. Fox, "Adapting the Sample Size in Particle Filters Through KLD-Sampling", IJRR 2003. There k grows while
+particles are drawn; here k is that of one resampling of the particles at hand, so that all runs are drawn at once.
+"""
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.pose_bins import PoseBins
+
+
+@dataclass(frozen=True)
+class KLDSize:
+    r"""How many particles a run needs.
+
+    Attributes:
+        epsilon: the largest divergence, in nats.
+        delta: chance that it is larger.
+        minimum: fewest particles of a run.
+        maximum: most particles of a run.
+        position_bin: side of a box in metres.
+        heading_bin_rad: its width in heading.
+        tolerance: a run is resampled to its new size only if that is another by more than this share.
+
+    Raises:
+        UserError: an argument is outside of what is allowed.
+    """
+
+    epsilon: float = 0.05
+    delta: float = 0.01
+    minimum: int = 100
+    maximum: int = 10_000
+    position_bin: float = 0.5
+    heading_bin_rad: float = math.radians(10)
+    tolerance: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("epsilon", "position_bin", "heading_bin_rad"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise UserError(f"kld.{name}={getattr(self, name)} must be above 0", f"For example kld.{name}=0.05")
+        if not 0 < self.delta < 1:
+            raise UserError(f"kld.delta={self.delta} must lie between 0 and 1", "For example kld.delta=0.01")
+        if not 1 <= self.minimum <= self.maximum:
+            raise UserError(
+                f"kld.minimum={self.minimum} and kld.maximum={self.maximum} must satisfy 1 <= minimum <= maximum",
+                "For example kld.minimum=100 kld.maximum=10000",
+            )
+        if not 0 <= self.tolerance < math.inf:
+            raise UserError(f"kld.tolerance={self.tolerance} must be at least 0", "For example kld.tolerance=0.2")
+
+    def wanted(self, occupied: Int64[Tensor, "r"]) -> Int64[Tensor, "r"]:
+        """Particles for k occupied boxes, between minimum and maximum."""
+        degrees = (occupied - 1).clamp(min=1).double()
+        ninth = 2 / (9 * degrees)
+        quantile = degrees * (1 - ninth + ninth.sqrt() * NormalDist().inv_cdf(1 - self.delta)) ** 3
+        size = torch.where(occupied > 1, (quantile / (2 * self.epsilon)).ceil(), 0.0)
+        return size.long().clamp(self.minimum, self.maximum)
+
+    def for_poses(self, poses: Float64[Tensor, "r p 3"]) -> Int64[Tensor, "r"]:
+        """Particles for draws of the belief."""
+        return self.wanted(PoseBins(self.position_bin, self.heading_bin_rad).occupied(poses))

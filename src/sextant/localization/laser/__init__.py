@@ -1,0 +1,6 @@
+"""The laser rival: measurement models of a planar scanner on an occupancy grid."""
+
+from sextant.localization.laser.beam_model import BeamModel
+from sextant.localization.laser.likelihood_field import LikelihoodField
+
+__all__ = ["BeamModel", "LikelihoodField"]

@@ -1,0 +1,128 @@
+r"""The beam model of a laser scan: each range against the one that the map predicts.
+
+With :math:`z^*` the range at which the beam meets the first occupied cell (at most the reach :math:`z_{\max}`),
+
+.. math:: p(z \mid x) = w_{\mathrm{hit}}\, \eta\, \mathcal N(z; z^*, \sigma^2)
+   + w_{\mathrm{short}}\, \frac{\lambda e^{-\lambda z}}{1 - e^{-\lambda z^*}} [z \le z^*]
+   + w_{\mathrm{max}}\, [z = z_{\max}] + w_{\mathrm{rand}}\, [z < z_{\max}] / z_{\max}
+
+per metre, with :math:`\eta` the reciprocal of the normal distribution's mass in :math:`[0, z_{\max}]` and weights that
+are divided by their sum. The log-likelihood of a scan is :math:`\beta` times the sum of the logarithms. Where
+:math:`z^*` is not known (the beam meets an unknown cell first, or leaves the grid) the parts that do not need it
+remain.
+
+Where the map predicts that nothing comes back (:math:`z^* = z_{\max}`), "nothing came back" is the hit: it is then
+scored as a range of :math:`z_{\max}`, as in the table.
+
+Source: S. Thrun, W. Burgard & D. Fox, "Probabilistic Robotics", 2005, table 6.1; default weights as in AMCL.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+from scipy.special import ndtr
+from torch import Tensor
+
+from sextant.localization.laser.ray_casting import free_steps, ray_ranges
+from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams, chosen_ranges
+from sextant.worlds.laser import LaserScanner
+from sextant.worlds.occupancy import OccupancyGrid
+
+#: Rays that are cast at a time: bounds the memory.
+BLOCK = 2**18
+
+
+@dataclass(frozen=True, eq=False)
+class BeamModel:
+    """Scores poses by casting rays in the map.
+
+    Attributes:
+        grid: the map.
+        scanner: that the scans are from.
+        z_hit, z_short, z_max, z_rand: weights of beams that end on what the map has, on something before it, nowhere,
+            and anywhere.
+        sigma_hit: standard deviation of a range in metres.
+        lambda_short: rate per metre at which unmapped things end a beam.
+        beams: how many of a scan are used, evenly spread.
+        tempering: exponent β of the product over the beams.
+
+    Raises:
+        ValueError: a weight is negative, those of hits and random beams or another number are not positive.
+    """
+
+    grid: OccupancyGrid
+    scanner: LaserScanner
+    z_hit: float = 0.5
+    z_short: float = 0.05
+    z_max: float = 0.05
+    z_rand: float = 0.5
+    sigma_hit: float = 0.2
+    lambda_short: float = 0.1
+    beams: int = 60
+    tempering: float = 1.0
+    steps: Float32[ndarray, "rows columns"] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        positive = (self.z_max, self.z_rand, self.sigma_hit, self.lambda_short, self.beams, self.tempering)
+        if not all(0 < number < np.inf for number in positive) or min(self.z_hit, self.z_short) < 0:
+            raise ValueError(
+                f"z_max, z_rand, sigma_hit, lambda_short, beams and tempering must be positive, got {positive}, "
+                f"and z_hit={self.z_hit} and z_short={self.z_short} not negative"
+            )
+        object.__setattr__(self, "steps", free_steps(self.grid))
+
+    def observe(self, scans: Float64[Tensor, "r beams"], map_poses: Float64[Tensor, "n 3"]) -> ScanEvidence:
+        """What one scan of each of r runs tells.
+
+        Args:
+            scans: ranges in metres of all the scanner's beams; its maximal range or nan where nothing came back.
+            map_poses: poses of a map's images, for restarts at them.
+
+        Raises:
+            ValueError: the number of beams is not the scanner's, or a range is negative.
+        """
+        chosen = chosen_beams(self.scanner, self.beams)
+        ranges = chosen_ranges(scans, self.scanner, chosen)
+        angles = self.scanner.angles[chosen]
+
+        def at(poses: Float64[ndarray, "_ p 3"]) -> Float64[ndarray, "r p"]:
+            out = np.empty((len(ranges), poses.shape[1]))
+            per_block = max(1, BLOCK // len(angles))
+            for start in range(0, poses.shape[1], per_block):
+                some = slice(start, start + per_block)
+                for run, measured in enumerate(ranges):
+                    if run == 0 or len(poses) > 1:
+                        seen = ray_ranges(
+                            self.grid, self.steps, poses[min(run, len(poses) - 1), some], angles, self.reach
+                        )
+                    out[run, some] = self.tempering * np.log(self.density(measured, seen)).sum(axis=1)
+            return out
+
+        return ScanEvidence(at, map_poses)
+
+    @property
+    def reach(self) -> float:
+        """The scanner's, in metres."""
+        return self.scanner.max_range_m
+
+    def density(self, measured: Float64[ndarray, " k"], expected: Float64[ndarray, "n k"]) -> Float64[ndarray, "n k"]:
+        """Density of each measured range per metre, given the expected ones.
+
+        Args:
+            measured: metres; inf where nothing came back.
+            expected: metres; the reach where nothing should come back, nan where it is not known.
+        """
+        total = self.z_hit + self.z_short + self.z_max + self.z_rand
+        missing = np.isinf(measured)
+        z = np.where(missing, self.reach, measured)
+        known = np.isfinite(expected)
+        # no range is known better than a cell; of a pose in a wall it would be 0, and the short part's density infinite
+        wanted = np.maximum(np.where(known, expected, self.reach), self.grid.resolution_m / 2)
+        mass = ndtr((self.reach - wanted) / self.sigma_hit) - ndtr(-wanted / self.sigma_hit)
+        hit = np.exp(-(((z - wanted) / self.sigma_hit) ** 2) / 2) / (np.sqrt(2 * np.pi) * self.sigma_hit * mass)
+        short = self.lambda_short * np.exp(-self.lambda_short * z) / -np.expm1(-self.lambda_short * wanted)
+        depends = np.where(known, self.z_hit * hit + np.where(z <= wanted, self.z_short * short, 0.0), 0.0)
+        alone = np.where(missing, self.z_max, self.z_rand / self.reach)
+        return np.asarray((depends + alone) / total)

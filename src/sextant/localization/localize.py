@@ -1,0 +1,103 @@
+"""Filtering whole runs, many at once."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.localization.belief import Belief
+from sextant.localization.estimate import estimate
+from sextant.localization.initialisation import Initialisation
+from sextant.localization.observers import Observer
+from sextant.localization.particle_filter import FilterState, ParticleFilter
+
+#: called with the number of the step and what is believed after it
+Watch = Callable[[int, Belief], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What a filter told of r runs in t steps.
+
+    Attributes:
+        pose: the mean of the heaviest mode.
+        covariance: of the particles in it.
+        mass: the share of the weight that it holds.
+        modes: how many there are.
+        ess: effective particles, before resampling.
+        particles: how many there were.
+        injected: how many of them were drawn anew by the recovery.
+        degenerate: steps in which no particle explained the observation.
+        seconds: that each step took, for all runs together.
+    """
+
+    pose: Float64[ndarray, "t r 3"]
+    covariance: Float64[ndarray, "t r 3 3"]
+    mass: Float64[ndarray, "t r"]
+    modes: Int64[ndarray, "t r"]
+    ess: Float64[ndarray, "t r"]
+    particles: Int64[ndarray, "t r"]
+    injected: Int64[ndarray, "t r"]
+    degenerate: Bool[ndarray, "t r"]
+    seconds: Float64[ndarray, "t"]
+
+
+def localize(
+    filter: ParticleFilter,
+    start: Initialisation,
+    observer: Observer,
+    frames: Int64[ndarray, "t r"],
+    motion: Float64[ndarray, "t r 3"],
+    seen: Bool[ndarray, "t r"],
+    generator: torch.Generator,
+    *,
+    particles: int,
+    radius: float,
+    watch: Watch | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Track:
+    """Run a filter along runs, step by step.
+
+    Args:
+        filter: its prior is the map's.
+        start: where the particles are before the first image.
+        observer: the sensor.
+        frames: which frame of the drive each run is at in each step.
+        motion: what odometry tells from the step before; that of the first step is not used.
+        seen: whether there is an image.
+        generator: of all random numbers.
+        particles: of a run, unless their number adapts.
+        radius: of the mode that is told, in the unit of the map.
+        watch: sees every belief.
+        progress: called with steps done and steps in all.
+    """
+    steps = len(frames)
+    columns: dict[str, list[Tensor]] = {}
+    seconds = np.zeros(steps)
+    state: FilterState | None = None
+    for step in range(steps):
+        began = time.perf_counter()
+        looked = torch.from_numpy(seen[step])
+        evidence = observer.observe(frames[step]) if bool(looked.any()) else None
+        if state is None:
+            state = filter.start(start, frames.shape[1], particles, generator, evidence, looked)
+            weighed = start.uses_evidence and evidence is not None  # then the first image is in the belief
+            state, told = filter.step(state, None, None if weighed else evidence, looked, generator)
+        else:
+            state, told = filter.step(state, torch.from_numpy(motion[step]), evidence, looked, generator)
+        found = estimate(state.belief, radius)
+        seconds[step] = time.perf_counter() - began
+        for name in ("pose", "covariance", "mass", "modes"):
+            columns.setdefault(name, []).append(getattr(found, name))
+        for name in ("ess", "particles", "injected", "degenerate"):
+            columns.setdefault(name, []).append(getattr(told, name))
+        if watch is not None:
+            watch(step, state.belief)
+        if progress is not None:
+            progress(step + 1, steps)
+    return Track(**{name: torch.stack(values).numpy() for name, values in columns.items()}, seconds=seconds)

@@ -1,0 +1,65 @@
+r"""Where a robot may be before anything is seen: near an image of the map, no one likelier than another.
+
+.. math:: p_0(x) = \frac1N \sum_{i=1}^N p(x \mid i), \qquad
+   x = x_i \circ (\epsilon_x, \epsilon_y, \epsilon_\theta), \quad \epsilon \sim \mathcal N(0, \mathrm{diag}(\sigma^2))
+
+with the offset in the frame of the image: along its heading, across it, and turned. It takes the place of a uniform
+density over the map's bounding box, most of which may be houses.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.geometry.planar import se2_compose
+
+
+@dataclass(frozen=True)
+class MapPrior:
+    """Uniform over the map's images, with jitter.
+
+    Attributes:
+        poses: of the images.
+        position_sigma: standard deviation in metres, one number or (along, across); on a railway the second is 0.
+        heading_sigma_rad: standard deviation of the heading.
+
+    Raises:
+        UserError: there is no pose, or a deviation is negative or not finite.
+    """
+
+    poses: Float64[Tensor, "n 3"]
+    position_sigma: float | tuple[float, float]
+    heading_sigma_rad: float
+
+    def __post_init__(self) -> None:
+        if len(self.poses) == 0:
+            raise UserError("the map has no image", "Name images with known poses.")
+        if not all(0 <= sigma < float("inf") for sigma in self.sigmas):
+            raise UserError(
+                f"prior.position_sigma={self.position_sigma} and prior.heading_sigma_rad={self.heading_sigma_rad} "
+                "must be finite and not negative",
+                "For example half the distance between images of the map.",
+            )
+
+    @property
+    def sigmas(self) -> tuple[float, float, float]:
+        """Standard deviations along, across and of the heading."""
+        sigma = self.position_sigma
+        along, across = (sigma, sigma) if isinstance(sigma, (int, float)) else sigma
+        return float(along), float(across), float(self.heading_sigma_rad)
+
+    def sample(self, runs: int, particles: int, generator: torch.Generator) -> Float64[Tensor, "r p 3"]:
+        """Independent draws of :math:`p_0`."""
+        rows = torch.randint(
+            len(self.poses), (runs, particles), generator=generator, device=self.poses.device, dtype=torch.int64
+        )
+        return self.around(rows, generator)
+
+    def around(self, rows: Int64[Tensor, "r k"], generator: torch.Generator) -> Float64[Tensor, "r k 3"]:
+        """A draw of :math:`p(x | i)` for each row i of the map."""
+        poses = self.poses[rows]
+        noise = torch.randn(poses.shape, generator=generator, dtype=poses.dtype, device=poses.device)
+        return se2_compose(poses, noise * poses.new_tensor(self.sigmas))

@@ -1,0 +1,57 @@
+"""Gaussian noise in the tangent space at the motion that odometry reports."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.geometry.planar import se2_compose, se2_exp
+from sextant.localization.motion.model import MotionModel, check_not_negative
+
+#: How many times the noise of a step stands for a motion that is unknown.
+STEPS_IF_UNKNOWN = 20.0
+
+
+@dataclass(frozen=True)
+class ExponentialMotion(MotionModel):
+    r""":math:`x_t = x_{t-1} \circ u_t \circ \exp(\epsilon)`, :math:`\epsilon \sim \mathcal N(0, \mathrm{diag}(v))`, and
+
+    .. math:: v = \sigma_{step}^2 + |t|\, v_{metre} + |\theta|\, v_{radian}
+
+    for a motion :math:`u = (t, \theta)`: noise that grows like a random walk with the way and with the turn.
+
+    Args:
+        per_step: standard deviations along, across (metres) and turned (rad), however small the motion.
+        per_metre: variances for each metre.
+        per_radian: variances for each radian turned.
+        unknown: standard deviations where odometry was lost; None for twenty times ``per_step``, so that what cannot
+            err when odometry is there cannot when it is lost either: a train stays on its line.
+
+    Raises:
+        UserError: one of them is not three finite numbers of at least 0.
+    """
+
+    per_step: tuple[float, float, float] = (0.025, 0.01, 0.015)
+    per_metre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    per_radian: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    unknown: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("per_step", "per_metre", "per_radian"):
+            check_not_negative(f"motion.{name}", getattr(self, name), 3)
+        check_not_negative("motion.unknown", self.if_unknown(), 3)
+
+    def if_unknown(self) -> Sequence[float]:
+        """``unknown``, or many steps."""
+        return [STEPS_IF_UNKNOWN * sigma for sigma in self.per_step] if self.unknown is None else self.unknown
+
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
+        """:math:`u \\circ \\exp(\\epsilon)`."""
+        way, turn = motion[:, :2].norm(dim=1), motion[:, 2].abs()
+        variance = (
+            motion.new_tensor(self.per_step).square()
+            + way[:, None] * motion.new_tensor(self.per_metre)
+            + turn[:, None] * motion.new_tensor(self.per_radian)
+        )
+        return se2_compose(motion[:, None], se2_exp(noise * variance.sqrt()[:, None]))

@@ -1,0 +1,23 @@
+"""A robot that does not move."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.localization.motion.model import MotionModel
+
+
+@dataclass(frozen=True)
+class IdentityMotion(MotionModel):
+    """:math:`x_t = x_{t-1}`, whatever odometry says, known or not: no noise, so particles never spread."""
+
+    def if_unknown(self) -> Sequence[float]:
+        """No motion."""
+        return (0.0, 0.0, 0.0)
+
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r 1 3"]:
+        """No motion."""
+        return torch.zeros_like(motion)[:, None]

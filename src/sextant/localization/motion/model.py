@@ -1,0 +1,62 @@
+"""What every motion model offers: where a robot may be after a motion that odometry reports."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Bool, Float64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.geometry.planar import se2_compose, se2_exp
+
+
+class MotionModel(ABC):
+    r"""Draws :math:`x_t \sim p(x_t \mid x_{t-1}, u_t)` for every particle.
+
+    A motion with a value that is not finite is unknown: odometry was lost. The particles of such a run diffuse about
+    where they were, :math:`x_t = x_{t-1} \circ \exp(\epsilon)` with :math:`\epsilon` of standard deviations
+    :meth:`if_unknown`, in the robot's frame.
+    """
+
+    def sample(
+        self,
+        poses: Float64[Tensor, "r p 3"],
+        motion: Float64[Tensor, "r 3"],
+        generator: torch.Generator,
+    ) -> Float64[Tensor, "r p 3"]:
+        """Poses after each run's motion, one draw for each particle.
+
+        Args:
+            poses: before it.
+            motion: ``b_from_c``, the increment in the robot's frame; nan where odometry was lost.
+            generator: as many numbers are drawn from it whether a motion is known or not.
+        """
+        noise = torch.randn(poses.shape, generator=generator, dtype=poses.dtype, device=poses.device)
+        known: Bool[Tensor, "r"] = motion.isfinite().all(1)
+        if bool(known.all()):
+            return se2_compose(poses, self.increments(motion, noise))
+        told = self.increments(motion.masked_fill(~known[:, None], 0.0), noise)
+        lost = se2_exp(noise * poses.new_tensor(self.if_unknown()))
+        return se2_compose(poses, torch.where(known[:, None, None], told, lost))
+
+    @abstractmethod
+    def if_unknown(self) -> Sequence[float]:
+        """Standard deviations along, across (metres) and turned (rad) for a motion that is unknown."""
+
+    @abstractmethod
+    def increments(self, motion: Float64[Tensor, "r 3"], noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "#r #p 3"]:
+        """The motion each particle makes, a function of standard normal noise."""
+
+
+def check_not_negative(key: str, values: Sequence[float], count: int) -> None:
+    """Refuse anything but ``count`` finite numbers of at least 0.
+
+    Raises:
+        UserError: names the key and the values.
+    """
+    if len(values) != count or not all(0 <= value < float("inf") for value in values):
+        raise UserError(
+            f"{key}={list(values)} must be {count} finite numbers of at least 0",
+            f"For example {key}=[{','.join(['0.1'] * count)}]",
+        )

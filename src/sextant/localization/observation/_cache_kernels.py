@@ -1,0 +1,153 @@
+r"""What one pose needs of the cache of its neighbourhood, as machine code.
+
+Lower triangles are packed row by row: entry (i, j <= i) is at ``i (i + 1) / 2 + j``. Arithmetic is in float64.
+"""
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+
+RBF, MATERN32, MATERN52 = 0, 1, 2
+#: Values of float32 in a line of memory.
+LINE = 16
+
+
+def compiled(function: Any) -> Any:
+    """``function`` as machine code without the interpreter's lock, kept on disk where that is possible."""
+    options: Any = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz"}}
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # nowhere to keep it: compile in every process
+        return numba.njit(**options)(function)
+
+
+@compiled
+def covariance(spatial, variance, a, b):  # type: ignore[no-untyped-def]
+    """:class:`PoseKernel` of two poses' features."""
+    x, y, cosine, sine = a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
+    square, chord = x * x + y * y, cosine * cosine + sine * sine
+    if spatial == RBF:
+        return variance * math.exp(-0.5 * (square + chord))
+    if spatial == MATERN32:
+        scaled = math.sqrt(3 * square)
+        return variance * (1 + scaled) * math.exp(-scaled - 0.5 * chord)
+    scaled = math.sqrt(5 * square)
+    return variance * (1 + scaled + scaled * scaled / 3) * math.exp(-scaled - 0.5 * chord)
+
+
+@compiled
+def gram_residuals(  # type: ignore[no-untyped-def]
+    spatial,
+    variance,
+    features,
+    runs,
+    images,
+    map_features,
+    neighbours,
+    whiteners,
+    grams,
+    products,
+    offsets,
+    norms,
+    squared,
+    explained,
+):
+    r"""Squared distance of descriptors to predicted means, and the variance that the map explains.
+
+    With :math:`v = L^{-1} k_N`, :math:`u = L^{-1} Y_c z_c` and M the Gram matrix of :math:`L^{-1} Y_c`:
+    :math:`\|z - \mu\|^2 = \|z_c\|^2 - 2 v^T u + v^T M v` and :math:`\|v\|^2`.
+
+    Args:
+        spatial: RBF, MATERN32 or MATERN52.
+        variance: of the signal.
+        features: ``(m, 4)`` of the poses.
+        runs: ``(m,)`` whose descriptor is compared.
+        images: ``(m,)`` the image of the map whose cache is used.
+        map_features: ``(n, 4)``.
+        neighbours: ``(n, k)``.
+        whiteners: ``(n, k (k + 1) / 2)`` packed :math:`L^{-1}`.
+        grams: ``(n, k (k + 1) / 2)`` packed M.
+        products: ``(r, n)`` of the map's descriptors with the centred descriptors of the runs.
+        offsets: ``(r,)`` products of the map's mean with the centred descriptors.
+        norms: ``(r,)`` squared, of the centred descriptors.
+        squared: ``(m,)`` written.
+        explained: ``(m,)`` written.
+
+    Returns:
+        A number without meaning, which keeps the compiler from leaving out the reads ahead.
+    """
+    k = neighbours.shape[1]
+    across, seen, known = np.empty(k), np.empty(k), np.empty(k)
+    touched = 0.0
+    for pose in range(len(images)):
+        image, run = images[pose], runs[pose]
+        offset = offsets[run]
+        # every line of memory is asked for at once, so that waiting for one is waiting for all
+        for entry in range(0, whiteners.shape[1], LINE):
+            touched += whiteners[image, entry] + grams[image, entry]
+        for j in range(k):
+            row = neighbours[image, j]
+            across[j] = covariance(spatial, variance, features[pose], map_features[row])
+            seen[j] = products[run, row] - offset
+        start = 0
+        length, linear, quadratic = 0.0, 0.0, 0.0
+        for i in range(k):
+            whitened, whitened_seen = 0.0, 0.0
+            for j in range(i + 1):
+                factor = np.float64(whiteners[image, start + j])
+                whitened += factor * across[j]
+                whitened_seen += factor * seen[j]
+            known[i] = whitened
+            earlier = 0.0
+            for j in range(i):
+                earlier += np.float64(grams[image, start + j]) * known[j]
+            quadratic += whitened * (2 * earlier + np.float64(grams[image, start + i]) * whitened)
+            length += whitened * whitened
+            linear += whitened * whitened_seen
+            start += i + 1
+        distance = norms[run] - 2 * linear + quadratic
+        squared[pose] = 0.0 if distance < 0 else distance  # rounding; nan stays nan
+        explained[pose] = length
+    return touched
+
+
+@compiled
+def interpolation_weights(  # type: ignore[no-untyped-def]
+    spatial, variance, features, images, map_features, neighbours, whiteners, weights, explained
+):
+    r"""Weights :math:`w = L^{-T} L^{-1} k_N` of the neighbours' descriptors, and the variance explained.
+
+    Args: as :func:`gram_residuals`; ``weights`` ``(m, k)`` is written.
+    """
+    k = neighbours.shape[1]
+    across = np.empty(k)
+    for pose in range(len(images)):
+        image = images[pose]
+        for j in range(k):
+            across[j] = covariance(spatial, variance, features[pose], map_features[neighbours[image, j]])
+            weights[pose, j] = 0.0
+        start = 0
+        length = 0.0
+        for i in range(k):
+            whitened = 0.0
+            for j in range(i + 1):
+                whitened += np.float64(whiteners[image, start + j]) * across[j]
+            for j in range(i + 1):
+                weights[pose, j] += np.float64(whiteners[image, start + j]) * whitened
+            length += whitened * whitened
+            start += i + 1
+        explained[pose] = length
+
+
+@compiled
+def mean_products(weights, neighbours, products, offsets, out):  # type: ignore[no-untyped-def]
+    """``out[r, i] = sum_j weights[i, j] (products[r, neighbours[i, j]] - offsets[r])``."""
+    for run in range(len(products)):
+        row, offset = products[run], offsets[run]
+        for image in range(len(neighbours)):
+            total = 0.0
+            for j in range(neighbours.shape[1]):
+                total += weights[image, j] * (row[neighbours[image, j]] - offset)
+            out[run, image] = total

@@ -1,0 +1,149 @@
+"""The caches of all neighbourhoods of a map, made in blocks of bounded memory, in memory or in files."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64, Int32
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.localization.descriptor_map import DescriptorMap
+from sextant.localization.observation._factor import noisy_factor, noisy_variance
+from sextant.localization.observation.model import stored
+from sextant.localization.observation.neighbourhoods import Neighbourhoods
+from sextant.localization.pose_kernel import PoseKernel
+
+#: Noise in shares of the signal below which whiteners are kept in float64: their rounding would show in the variance.
+LITTLE_NOISE = 1e-3
+#: Values of float64 that are held at a time, in each of a handful of arrays: 8 MiB.
+ENTRIES = 2**20
+
+
+@dataclass(frozen=True)
+class Caches:
+    r"""What is prepared for every image i of a map, with N its k nearest images and :math:`L L^T = K_{NN} + s_n^2 I`.
+
+    :math:`L^{-1}` and the Gram matrix of the whitened descriptors :math:`L^{-1} Y_c` lose far less to float32 than
+    :math:`(K_{NN} + s_n^2 I)^{-1}` and the Gram matrix of :math:`Y_c`: errors grow with the square root of the
+    condition number. Both are packed lower triangles.
+
+    Attributes:
+        neighbours: N, rows of the map.
+        whiteners: :math:`L^{-1}`; float32, or float64 if there is little noise.
+        grams: :math:`L^{-1} Y_c Y_c^T L^{-T}`.
+        weights: :math:`(K_{NN} + s_n^2 I)^{-1} k_N` at the image's own pose.
+        variances: of an observation at the image's own pose.
+        image_norms: :math:`\|y_i - m\|^2`.
+        mean_norms: :math:`\|\mu(x_i) - m\|^2`.
+    """
+
+    neighbours: Int32[ndarray, "n k"]
+    whiteners: Float[ndarray, "n t"]
+    grams: Float32[ndarray, "n t"]
+    weights: Float32[ndarray, "n k"]
+    variances: Float64[ndarray, " n"]
+    image_norms: Float64[ndarray, " n"]
+    mean_norms: Float64[ndarray, " n"]
+
+    @classmethod
+    def build(
+        cls,
+        map: DescriptorMap,
+        kernel: PoseKernel,
+        neighbourhoods: Neighbourhoods,
+        k: int,
+        folder: Path | None,
+        progress: Callable[[int, int], None] | None,
+    ) -> Self:
+        """The caches of a map; with a folder they are written there, and mapped.
+
+        Raises:
+            UserError: a covariance is not positive definite.
+            OSError: the folder cannot be written.
+        """
+        n = len(map)
+        arrays = {name: _room(folder, name, shape, dtype) for name, (shape, dtype) in _layout(n, k, kernel).items()}
+        at_a_time = max(1, ENTRIES // (k * max(k, map.dimension)))
+        for start in range(0, n, at_a_time):
+            rows = torch.arange(start, min(start + at_a_time, n))
+            for name, values in _block(map, kernel, neighbourhoods, k, rows).items():
+                arrays[name][start : start + len(rows)] = values.numpy()
+            if progress is not None:
+                progress(start + len(rows), n)
+        return cls(**{name: _settled(array) for name, array in arrays.items()})
+
+    @classmethod
+    def of_state(cls, state: dict[str, Tensor], n: int, k: int, kernel: PoseKernel) -> Self:
+        """The caches that :meth:`state` was asked of.
+
+        Raises:
+            ValueError: an array is missing or of the wrong shape or type.
+        """
+        arrays = {}
+        for name, (shape, dtype) in _layout(n, k, kernel).items():
+            arrays[name] = stored(state, name, shape, torch.from_numpy(np.empty(0, dtype)).dtype).numpy()
+        neighbours = arrays["neighbours"]
+        if neighbours.min() < 0 or neighbours.max() >= n:  # machine code would read past the end of the map
+            raise ValueError(f"neighbours names rows outside of the map's {n}")
+        return cls(**arrays)
+
+    def state(self) -> dict[str, Tensor]:
+        """The arrays by name, as tensors that share their memory."""
+        return {field.name: torch.from_numpy(getattr(self, field.name)) for field in fields(self)}
+
+
+def _layout(n: int, k: int, kernel: PoseKernel) -> dict[str, tuple[tuple[int, ...], type[np.generic]]]:
+    triangle = k * (k + 1) // 2
+    little_noise = kernel.noise_variance < LITTLE_NOISE * kernel.signal_variance
+    return {
+        "neighbours": ((n, k), np.int32),
+        "whiteners": ((n, triangle), np.float64 if little_noise else np.float32),
+        "grams": ((n, triangle), np.float32),
+        "weights": ((n, k), np.float32),
+        "variances": ((n,), np.float64),
+        "image_norms": ((n,), np.float64),
+        "mean_norms": ((n,), np.float64),
+    }
+
+
+def _room(folder: Path | None, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> ndarray:
+    if folder is None:
+        return np.empty(shape, dtype)
+    folder.mkdir(parents=True, exist_ok=True)
+    return np.lib.format.open_memmap(folder / f"{name}.npy", mode="w+", dtype=dtype, shape=shape)
+
+
+def _settled(array: ndarray) -> ndarray:
+    """A file that was written, mapped so that nothing can change it from here on; an array in memory as it is."""
+    if not isinstance(array, np.memmap):
+        return array
+    array.flush()
+    path = array.filename
+    mapped: ndarray = np.load(str(path), mmap_mode="c", allow_pickle=False)
+    return mapped
+
+
+def _block(
+    map: DescriptorMap, kernel: PoseKernel, neighbourhoods: Neighbourhoods, k: int, rows: Tensor
+) -> dict[str, Tensor]:
+    neighbours = neighbourhoods.of_images(rows, k).rows
+    near = map.poses[neighbours]  # (b, k, 3)
+    factor = noisy_factor(kernel(near, near), kernel.noise_variance)
+    whitener = torch.linalg.solve_triangular(factor, torch.eye(k, dtype=torch.float64).expand_as(factor), upper=False)
+    whitened = whitener @ (map.descriptors[neighbours] - map.mean).double()  # (b, k, d)
+    gram = whitened @ whitened.mT
+    known = whitener @ kernel(near, map.poses[rows, None, :])  # (b, k, 1)
+    i, j = torch.tril_indices(k, k)
+    return {
+        "neighbours": neighbours.int(),
+        "whiteners": whitener[:, i, j],
+        "grams": gram[:, i, j].float(),
+        "weights": (whitener.mT @ known)[..., 0].float(),
+        "variances": noisy_variance(kernel, known.square().sum(dim=(1, 2))),
+        "image_norms": (map.descriptors[rows] - map.mean).double().square().sum(dim=1),
+        "mean_norms": (known.mT @ gram @ known)[:, 0, 0],
+    }

@@ -1,0 +1,35 @@
+"""Cholesky factors of covariances of map poses, and variances that rounding cannot make negative."""
+
+import torch
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.pose_kernel import PoseKernel
+
+#: Least variance of the signal, in shares of its prior variance: what rounding leaves of nothing.
+LEAST = 1e-12
+
+
+def noisy_factor(covariance: Tensor, noise_variance: float) -> Tensor:
+    """The lower factor of ``covariance + noise_variance I``, batched; the diagonal of ``covariance`` is changed.
+
+    Raises:
+        UserError: it is not positive definite, as when there is no noise and poses all but coincide.
+    """
+    covariance.diagonal(dim1=-2, dim2=-1).add_(noise_variance)
+    factor: Tensor
+    factor, failed = torch.linalg.cholesky_ex(covariance)
+    if bool(failed.any()):
+        raise UserError(
+            f"with kernel.noise_variance={noise_variance} the covariance of the map's poses is not positive definite: "
+            "some poses are too near each other to be told apart",
+            "Raise kernel.noise_variance (1e-6 of its signal_variance is enough), or thin the map.",
+        )
+    return factor
+
+
+def noisy_variance(kernel: PoseKernel, explained: Tensor) -> Tensor:
+    """Variance of an observation where ``explained`` of the signal's variance is known from the map."""
+    left = (kernel.signal_variance - explained).clamp_min(LEAST * kernel.signal_variance)
+    noisy: Tensor = left + kernel.noise_variance
+    return noisy

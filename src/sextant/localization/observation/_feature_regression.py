@@ -1,0 +1,108 @@
+r"""Bayesian linear regression on features of the pose: what a Gaussian process becomes when its rank is limited.
+
+.. math:: \mu(x) = m + W^\top \phi(x), \qquad
+   s^2(x) = s_f^2 - \|\phi(x)\|^2 + \phi(x)^\top S\, \phi(x) + s_n^2
+
+with weights whose prior is N(0, I) and whose posterior covariance S all D outputs share:
+
+.. math:: \Lambda = I + \Phi^\top \Phi / s_n^2, \quad S = \Lambda^{-1}, \quad
+   W = \Lambda^{-1} \Phi^\top \bar Y / s_n^2
+
+One factorisation of the M x M matrix :math:`\Lambda` serves all outputs, and the map passes by in blocks: memory is
+O(M² + M D) whatever the size of the map. :math:`s_f^2 - \|\phi\|^2` is the variance that the features cannot express;
+it is 0 for random features.
+
+Source: C. E. Rasmussen and C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.1 and 8.
+"""
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.observation.model import ObservationModel
+from sextant.localization.observation.prediction import Prediction
+
+#: Entries of features that are held at a time: 32 MiB.
+ENTRIES = 2**22
+
+
+@dataclass(frozen=True)
+class Moments:
+    """All that regression on features needs to know of a map.
+
+    Attributes:
+        gram: :math:`\\Phi^\\top \\Phi`.
+        cross: :math:`\\Phi^\\top \\bar Y`.
+        energy: :math:`\\|\\bar Y\\|^2`, of all outputs.
+    """
+
+    gram: Float64[Tensor, "f f"]
+    cross: Float64[Tensor, "f d"]
+    energy: Float64[Tensor, ""]
+
+
+class FeatureRegression(ObservationModel):
+    """An observation model that is linear in :meth:`features_at`; ``weights`` and ``root`` are set by fitting.
+
+    ``root`` is upper triangular, with :math:`S = R R^\\top`.
+    """
+
+    weights: Float64[Tensor, "f d"]
+    root: Float64[Tensor, "f f"]
+
+    @abstractmethod
+    def features_at(self, poses: Float64[Tensor, "n 3"]) -> Float64[Tensor, "n f"]:
+        """The features, of whose products the covariance is made."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """How many features there are."""
+
+    def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
+        """See :class:`ObservationModel`."""
+        features = self.features_at(poses)
+        left_out = (self.kernel.signal_variance - features.square().sum(1)).clamp(min=0)
+        variance = left_out + (features @ self.root).square().sum(1) + self.kernel.noise_variance
+        return Prediction(self.map.mean.double() + features @ self.weights, variance)
+
+    def moments(self) -> Moments:
+        """Of the whole map, in blocks."""
+        gram = torch.zeros(self.size, self.size, dtype=torch.float64)
+        cross = torch.zeros(self.size, self.map.dimension, dtype=torch.float64)
+        energy = torch.zeros((), dtype=torch.float64)
+        rows = max(1, ENTRIES // max(self.size, self.map.dimension))
+        for poses, descriptors in zip(self.map.poses.split(rows), self.map.descriptors.split(rows), strict=True):
+            features, residuals = self.features_at(poses), (descriptors - self.map.mean).double()
+            gram += features.T @ features
+            cross += features.T @ residuals
+            energy += residuals.square().sum()
+        return Moments(gram, cross, energy)
+
+    def solve(self, precision: Float64[Tensor, "f f"], linear: Float64[Tensor, "f d"]) -> None:
+        """Set ``weights`` and ``root`` from the posterior's :math:`\\Lambda` and :math:`\\Lambda W`."""
+        factor = torch.linalg.cholesky(precision)
+        eye = torch.eye(self.size, dtype=torch.float64)
+        self.root = torch.linalg.solve_triangular(factor.T, eye, upper=True).contiguous()
+        self.weights = (self.root @ (self.root.T @ linear)).contiguous()
+
+    def check_noise(self) -> None:
+        """Raise a UserError if the kernel has no noise, which this regression divides by."""
+        if not self.kernel.noise_variance > 0:
+            raise UserError(
+                f"kernel.noise_variance={self.kernel.noise_variance} must be above 0 for {type(self).__name__}",
+                "Train the kernel, or set a noise variance of a few per cent of the signal variance.",
+            )
+
+    def log_evidence(self, moments: Moments) -> float:
+        r"""The log of :math:`N(\bar Y; 0, \Phi\Phi^\top + s_n^2 I)`, the map's density if the features were all."""
+        n, outputs, noise = len(self.map), self.map.dimension, self.kernel.noise_variance
+        log_determinant = -2 * self.root.diagonal().log().sum() + n * math.log(noise)
+        explained = (self.root.T @ moments.cross).square().sum() / noise
+        squared = (moments.energy - explained) / noise
+        return float(-0.5 * (outputs * (log_determinant + n * math.log(2 * math.pi)) + squared))

@@ -1,0 +1,78 @@
+r"""Gaussian-process regression from poses to descriptors without approximation.
+
+All D dimensions share one covariance, so one Cholesky factor :math:`L L^T = K + s_n^2 I` serves them all:
+
+.. math:: A = (K + s_n^2 I)^{-1} (Y - 1 m^T), \quad \mu(x) = m + A^T k_x, \quad
+   s^2(x) = s_f^2 - \|L^{-1} k_x\|^2 + s_n^2,
+
+.. math:: \log p(Y) = -\tfrac12 \operatorname{tr}\!\left((Y - 1 m^T)^T A\right) - D \sum_i \log L_{ii}
+   - \tfrac{N D}2 \log 2\pi.
+
+Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", MIT Press 2006, algorithm 2.1; as
+a sensor model of a particle filter: J. Ko, D. Fox, "GP-BayesFilters", Autonomous Robots 27, 2009.
+"""
+
+import math
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.observation._factor import noisy_factor, noisy_variance
+from sextant.localization.observation.model import ObservationModel, stored
+from sextant.localization.observation.prediction import Prediction
+
+#: Covariances between poses and map that are held at a time: 32 MiB in float64.
+ENTRIES = 2**22
+
+
+class ExactGP(ObservationModel):
+    """The posterior given the whole map: cubic in its images, and the yardstick of all other models.
+
+    Args:
+        max_images: of a map; beyond it the ``16 n^2`` bytes and ``n^3 / 3`` operations of fitting are refused.
+    """
+
+    def __init__(self, max_images: int = 10_000):
+        self.max_images = max_images
+
+    def _fit(self) -> None:
+        n = len(self.map)
+        if n > self.max_images:
+            raise UserError(
+                f"the map has {n} images, more than observation.max_images={self.max_images} that an exact Gaussian "
+                f"process is to take: it would need {16e-9 * n * n:.1f} GB",
+                "Choose observation=cached_local, thin the map, or raise observation.max_images.",
+            )
+        factor = noisy_factor(self.kernel(self.map.poses, self.map.poses), self.kernel.noise_variance)
+        self.weights = torch.cholesky_solve(self._centred(), factor).contiguous()
+        self.factor = factor.contiguous()  # as it will be loaded: another layout would round otherwise
+
+    def _centred(self) -> Tensor:
+        return (self.map.descriptors - self.map.mean).double()
+
+    def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
+        """See :class:`ObservationModel`."""
+        means, variances = [], []
+        for some in poses.split(max(1, ENTRIES // len(self.map))):
+            covariance = self.kernel(self.map.poses, some)
+            means.append(self.map.mean + covariance.T @ self.weights)
+            known = torch.linalg.solve_triangular(self.factor, covariance, upper=False)
+            variances.append(noisy_variance(self.kernel, known.square().sum(dim=0)))
+        return Prediction(torch.cat(means), torch.cat(variances))
+
+    def log_marginal_likelihood(self) -> float:
+        """The log-density in nats of all descriptors of the map together."""
+        n, d = self.map.descriptors.shape
+        fitted = (self._centred() * self.weights).sum()
+        determinant = self.factor.diagonal().log().sum()
+        return float(-fitted / 2 - d * determinant - n * d / 2 * math.log(2 * math.pi))
+
+    def state(self) -> dict[str, Tensor]:
+        """See :class:`ObservationModel`."""
+        return {"factor": self.factor, "weights": self.weights}
+
+    def _load(self, state: dict[str, Tensor]) -> None:
+        n, d = self.map.descriptors.shape
+        self.factor, self.weights = stored(state, "factor", (n, n)), stored(state, "weights", (n, d))

@@ -1,0 +1,181 @@
+r"""The observation likelihood of Xu, Sünderhauf and Milford: a sum over the nearest map images, no Gaussian process.
+
+.. math:: g(x) = \sum_{j \in N_3(x)} e^{-\lambda_2 d(x, x_j)}\; e^{-\lambda_1 \|z - y_j\|}, \qquad
+   d(x, x_j) = \|\Delta t\| + \omega\, |\Delta\theta|
+
+over the nearest map images by that same distance. :math:`\lambda_1 = \log\delta / (q_{.975} - q_{.025})`, of the
+quantiles of the distances from the first query's descriptor to the map's: 95 % of the map span a factor δ in
+likelihood, which tempers it. It does not say how a descriptor is distributed, so :meth:`KernelSum.predict`, which the
+filter does not need, gives the neighbours' mean and variance under the weights of their poses.
+
+Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic visual place recognition for hierarchical localization", RA-L
+2021, and its public code (ProbFiltersVPR), whose constants are the defaults: δ = 5, λ2 = 0.2 / m, ω = 15 m / rad.
+"""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Float64, Int64
+from numpy import ndarray
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.geometry.planar import wrap_angle
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.model import ObservationModel, stored
+from sextant.localization.observation.prediction import Prediction
+
+QUANTILES = (0.025, 0.975)
+
+
+class KernelSum(ObservationModel):
+    """A kernel sum over the nearest images.
+
+    Of the kernel only the noise variance is used, in :meth:`predict`; of the likelihood only the tempering, which
+    multiplies log g.
+
+    Args:
+        neighbours: images in the sum.
+        pose_rate: λ2, per metre.
+        heading_weight: ω, metres that one radian is worth.
+        contrast: δ, above 1.
+        appearance_rate: λ1; worked out from the first descriptor that is observed if none, and kept from then on.
+
+    Raises:
+        UserError: a number outside its range.
+    """
+
+    def __init__(
+        self,
+        neighbours: int = 3,
+        pose_rate: float = 0.2,
+        heading_weight: float = 15.0,
+        contrast: float = 5.0,
+        appearance_rate: float | None = None,
+    ):
+        if neighbours < 1:
+            raise UserError(f"observation.neighbours={neighbours} must be at least 1", "Set observation.neighbours=3.")
+        positive = {"pose_rate": pose_rate, "heading_weight": heading_weight, "contrast": contrast - 1}
+        if appearance_rate is not None:
+            positive["appearance_rate"] = appearance_rate
+        for name, value in positive.items():
+            if not (value > 0 and math.isfinite(value)):
+                least = 1 if name == "contrast" else 0
+                raise UserError(f"observation.{name}={value + least} must be above {least} and finite")
+        self.neighbours, self.pose_rate, self.heading_weight = neighbours, pose_rate, heading_weight
+        self.contrast, self.appearance_rate = contrast, appearance_rate
+
+    def _fit(self) -> None:
+        if self.neighbours > len(self.map):
+            raise UserError(
+                f"observation.neighbours={self.neighbours} must be at most the {len(self.map)} images of the map",
+                f"Set observation.neighbours={len(self.map)} or less.",
+            )
+        self._rate = self.appearance_rate
+        self._index()
+
+    def _index(self) -> None:
+        self._tree = cKDTree(self._points(self.map.poses), boxsize=[0.0, 0.0, 2 * math.pi * self.heading_weight])
+        self._over_map: tuple[Tensor, Tensor] | None = None
+
+    def _points(self, poses: Tensor) -> ndarray:
+        circle = 2 * math.pi
+        # the remainder of a tiny negative angle rounds to 2 pi, which the periodic tree refuses
+        around = torch.remainder(poses[:, 2:], circle)
+        around = torch.where(around >= circle, 0.0, around)
+        points: ndarray = torch.cat([poses[:, :2], around * self.heading_weight], dim=1).numpy()
+        return points
+
+    def nearest(self, poses: Float64[Tensor, "n 3"]) -> tuple[Int64[Tensor, "n k"], Float64[Tensor, "n k"]]:
+        r"""The nearest map images by d, nearest first, and their d: exact.
+
+        The tree knows the Euclidean distance :math:`e = \sqrt{\|\Delta t\|^2 + \omega^2 \Delta\theta^2}`, and
+        :math:`e \le d \le \sqrt2 e`: once the k-th best d among the nearest by e is at most the largest e among them,
+        no other image can be nearer. Where it is not, twice as many are looked at.
+        """
+        images = torch.empty(len(poses), self.neighbours, dtype=torch.int64)
+        far = torch.empty(len(poses), self.neighbours, dtype=torch.float64)
+        points, asking = self._points(poses), torch.arange(len(poses))
+        ask = min(len(self.map), 4 * self.neighbours)
+        while len(asking):
+            euclidean, found = self._tree.query(points[asking.numpy()], k=range(1, ask + 1))
+            candidates = torch.from_numpy(np.asarray(found))
+            there, here = self.map.poses[candidates], poses[asking][:, None]
+            moved = torch.linalg.vector_norm(there[..., :2] - here[..., :2], dim=-1)
+            distance = moved + self.heading_weight * wrap_angle(there[..., 2] - here[..., 2]).abs()
+            best, order = distance.topk(self.neighbours, dim=1, largest=False)
+            done = (best[:, -1] <= torch.from_numpy(euclidean[:, -1])) | (ask == len(self.map))
+            images[asking[done]], far[asking[done]] = candidates.gather(1, order)[done], best[done]
+            asking, ask = asking[~done], min(2 * ask, len(self.map))
+        return images, far
+
+    def nearest_of_map(self) -> tuple[Int64[Tensor, "n k"], Float64[Tensor, "n k"]]:
+        """:meth:`nearest` of the map's own poses, looked up once."""
+        if self._over_map is None:
+            self._over_map = self.nearest(self.map.poses)
+        return self._over_map
+
+    def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
+        """The neighbours' mean under the weights of their poses; their variance about it, plus the noise variance."""
+        images, distance = self.nearest(poses)
+        weights = torch.softmax(-self.pose_rate * distance, dim=1)
+        descriptors = self.map.descriptors[images].double()
+        mean = torch.einsum("nk,nkd->nd", weights, descriptors)
+        squared = (descriptors - mean[:, None]).square().mean(-1)
+        return Prediction(mean, (weights * squared).sum(1) + self.kernel.noise_variance)
+
+    def observe(self, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood) -> Evidence:
+        """See :class:`ObservationModel`; the first descriptor without nan sets λ1, if it was not given."""
+        self.check_dimension(descriptors)
+        return KernelSumEvidence(self, self._distances(descriptors), likelihood.tempering)
+
+    def rate(self, distances: Float64[Tensor, "r n"]) -> float:
+        """λ1, from the first row of distances to the map if it is not known yet; nan if there is none."""
+        if self._rate is None:
+            first = next((row for row in distances if torch.isfinite(row).all()), None)
+            if first is None:
+                return math.nan
+            low, high = np.quantile(first.numpy(), QUANTILES)
+            # a map whose images are all as far says nothing of places: any rate is as good
+            self._rate = math.log(self.contrast) / (high - low) if high > low else 0.0
+        return self._rate
+
+    def _distances(self, descriptors: Tensor) -> Tensor:
+        rows = [torch.linalg.vector_norm(some - self.map.descriptors, dim=1) for some in descriptors]
+        return torch.stack(rows).double()
+
+    def state(self) -> dict[str, Tensor]:
+        """λ1, nan while it is not known."""
+        rate = math.nan if self._rate is None else self._rate
+        return {"appearance_rate": torch.tensor([rate], dtype=torch.float64)}
+
+    def _load(self, state: dict[str, Tensor]) -> None:
+        rate = float(stored(state, "appearance_rate", (1,)))
+        self._rate = None if math.isnan(rate) else rate
+        self._index()
+
+
+class KernelSumEvidence(Evidence):
+    """Log g of one query a run."""
+
+    def __init__(self, model: KernelSum, distances: Float64[Tensor, "r n"], tempering: float):
+        self.model, self.tempering = model, tempering
+        self.similarity = -model.rate(distances) * distances
+
+    def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
+        """See :class:`Evidence`."""
+        runs, particles, _ = poses.shape
+        images, distance = self.model.nearest(poses.reshape(-1, 3))
+        similar = self.similarity.gather(1, images.view(runs, -1)).view(runs, particles, -1)
+        return self._sum(similar, distance.view(runs, particles, -1))
+
+    def over_map(self) -> Float64[Tensor, "r n"]:
+        """See :class:`Evidence`."""
+        images, distance = self.model.nearest_of_map()
+        return self._sum(self.similarity[:, images], distance)
+
+    def _sum(self, similarity: Tensor, distance: Tensor) -> Tensor:
+        return self.tempering * torch.logsumexp(similarity - self.model.pose_rate * distance, dim=-1)

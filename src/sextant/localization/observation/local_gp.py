@@ -1,0 +1,79 @@
+r"""Gaussian-process regression with the k nearest images of the map only.
+
+For a pose x with neighbours N, k of them:
+
+.. math:: w = (K_{NN} + s_n^2 I)^{-1} k_N, \quad \mu(x) = m + \sum_{j \in N} w_j (y_j - m), \quad
+   s^2(x) = s_f^2 - k_N^T w + s_n^2.
+
+It is the exact posterior given these images, so it is calibrated, and surer of nothing than the exact one. The set N
+changes as x moves, and with it mean and variance jump a little.
+
+Source: A. V. Vecchia, "Estimation and model identification for continuous spatial processes", J. R. Stat. Soc. B 50,
+1988; for localization in a city M. Lopez-Antequera, N. Petkov, J. Gonzalez-Jimenez, "City-scale continuous visual
+localization", ECMR 2017, in the reading of the public code AppearanceSeqMCL.
+"""
+
+from typing import Literal
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.localization.observation._factor import noisy_factor, noisy_variance
+from sextant.localization.observation.model import ObservationModel
+from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
+from sextant.localization.observation.prediction import Prediction
+
+Neighbourhood = Literal["own", "nearest_image"]
+NEIGHBOURHOODS: tuple[Neighbourhood, ...] = ("own", "nearest_image")
+#: Values of gathered descriptors and covariances that are held at a time: 16 MiB in float32.
+ENTRIES = 2**22
+
+
+class LocalGP(ObservationModel):
+    """The posterior given the images near each pose, solved anew for each: ``O(k^3 + k d)`` a pose.
+
+    Args:
+        neighbours: k.
+        neighbourhood: ``own``: the images nearest the pose; ``nearest_image``: those nearest the one image that is
+            nearest the pose, which are the same for all poses around it and so can be prepared: see
+            :class:`~sextant.localization.observation.cached_local_gp.CachedLocalGP`.
+    """
+
+    def __init__(self, neighbours: int = 16, neighbourhood: Neighbourhood = "own"):
+        if neighbourhood not in NEIGHBOURHOODS:
+            raise ValueError(f"neighbourhood={neighbourhood!r} must be one of {', '.join(NEIGHBOURHOODS)}")
+        self.neighbours, self.neighbourhood = neighbours, neighbourhood
+
+    def _fit(self) -> None:
+        check_neighbours(self.neighbours, len(self.map))
+        self.neighbourhoods = Neighbourhoods(self.map.poses, self.kernel)
+
+    def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
+        """See :class:`ObservationModel`."""
+        at_a_time = max(1, ENTRIES // (self.neighbours * (self.map.dimension + self.neighbours)))
+        parts = [self._predict(some) for some in poses.split(at_a_time)]
+        return Prediction(torch.cat([mean for mean, _ in parts]), torch.cat([variance for _, variance in parts]))
+
+    def _predict(self, poses: Tensor) -> tuple[Tensor, Tensor]:
+        rows = self._rows(poses)
+        near = self.map.poses[rows]  # (n, k, 3)
+        covariance = self.kernel(near, poses[:, None, :])  # (n, k, 1)
+        factor = noisy_factor(self.kernel(near, near), self.kernel.noise_variance)
+        known = torch.linalg.solve_triangular(factor, covariance, upper=False)
+        weights = torch.linalg.solve_triangular(factor.mT, known, upper=True)
+        centred = self.map.descriptors[rows] - self.map.mean  # (n, k, d)
+        mean = self.map.mean + torch.einsum("nk,nkd->nd", weights[..., 0], centred.double())
+        return mean, noisy_variance(self.kernel, known.square().sum(dim=(1, 2)))
+
+    def _rows(self, poses: Tensor) -> Tensor:
+        if self.neighbourhood == "own":
+            return self.neighbourhoods.of_poses(poses, self.neighbours).rows
+        return self.neighbourhoods.of_images(self.neighbourhoods.nearest(poses), self.neighbours).rows
+
+    def state(self) -> dict[str, Tensor]:
+        """Nothing: all is in the map, and the tree over its poses is made in a moment."""
+        return {}
+
+    def _load(self, state: dict[str, Tensor]) -> None:
+        self._fit()

@@ -1,0 +1,142 @@
+"""Observation models: what the descriptor of an image at any pose will be, learned from images at known poses."""
+
+import inspect
+from abc import ABC, abstractmethod
+from typing import Any, Self
+
+import torch
+from jaxtyping import Float32, Float64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.descriptor_map import DescriptorMap
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.prediction import Prediction, Residuals
+from sextant.localization.pose_kernel import PoseKernel
+
+#: Poses whose means are held at a time: 8 MiB of 128 values in float64.
+BLOCK = 8192
+
+
+class ObservationModel(ABC):
+    """A Gaussian for the descriptor at any pose, with one variance for all its dimensions.
+
+    A subclass keeps the arguments of its constructor as attributes of the same names, which is how a saved model is
+    made again, and fits in :meth:`fit`; ``map`` and ``kernel`` are there from then on.
+    """
+
+    map: DescriptorMap
+    kernel: PoseKernel
+
+    def fit(self, map: DescriptorMap, kernel: PoseKernel) -> Self:
+        """Learn the map; a model that was fitted before forgets what it knew.
+
+        Raises:
+            UserError: the model cannot be fitted to this map or kernel.
+        """
+        self.map, self.kernel = map, kernel
+        self._fit()
+        return self
+
+    @abstractmethod
+    def _fit(self) -> None:
+        """Work out from ``map`` and ``kernel`` what predictions need."""
+
+    @abstractmethod
+    def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
+        """The Gaussian of the descriptor at each pose."""
+
+    @abstractmethod
+    def state(self) -> dict[str, Tensor]:
+        """What was worked out from the map: contiguous tensors by name, which :meth:`load_state` takes back."""
+
+    def load_state(self, map: DescriptorMap, kernel: PoseKernel, state: dict[str, Tensor]) -> Self:
+        """Become the model that ``state`` was asked of; its tensors are kept, not copied, and may be mapped files.
+
+        Raises:
+            ValueError: the state is not one of this class with these arguments.
+        """
+        self.map, self.kernel = map, kernel
+        self._load(state)
+        return self
+
+    @abstractmethod
+    def _load(self, state: dict[str, Tensor]) -> None:
+        """Take back what :meth:`state` gave; ``map`` and ``kernel`` are set."""
+
+    def arguments(self) -> dict[str, Any]:
+        """The constructor's arguments by name."""
+        return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
+
+    def residuals(self, descriptors: Float32[Tensor, "r d"], poses: Float64[Tensor, "r p 3"]) -> Residuals:
+        """How far each run's descriptor is from the mean at its poses, without all means at once."""
+        runs, particles, _ = poses.shape
+        owner = torch.arange(runs).repeat_interleave(particles)
+        squared, variance = [], []
+        for some, whose in zip(poses.reshape(-1, 3).split(BLOCK), owner.split(BLOCK), strict=True):
+            predicted = self.predict(some)
+            squared.append((descriptors[whose].double() - predicted.mean).square().sum(dim=1))
+            variance.append(predicted.variance)
+        return Residuals(torch.cat(squared).view(runs, particles), torch.cat(variance).view(runs, particles))
+
+    def residuals_over_map(self, descriptors: Float32[Tensor, "r d"]) -> Residuals:
+        """How far each run's descriptor is from the mean at the pose of every map image."""
+        squared, variance = [], []
+        for some in self.map.poses.split(BLOCK):
+            predicted = self.predict(some)
+            differences = torch.cdist(descriptors.double(), predicted.mean, compute_mode="donot_use_mm_for_euclid_dist")
+            squared.append(differences.square())
+            variance.append(predicted.variance)
+        together = torch.cat(squared, dim=1)
+        return Residuals(together, torch.cat(variance).expand_as(together))
+
+    def observe(self, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood) -> Evidence:
+        """What the descriptors, one a run, tell of each run's pose. A descriptor with nan tells nan.
+
+        Raises:
+            UserError: the descriptors have another dimension than the map's.
+        """
+        self.check_dimension(descriptors)
+        return GaussianEvidence(self, descriptors, likelihood)
+
+    def check_dimension(self, descriptors: Tensor) -> None:
+        """Raise a UserError unless the descriptors have as many values as the map's."""
+        if descriptors.shape[1] != self.map.dimension:
+            raise UserError(
+                f"descriptors of {descriptors.shape[1]} values cannot be compared with the map's, which have "
+                f"{self.map.dimension}",
+                "Describe the images with the descriptor that the map was built with, or build the map anew.",
+            )
+
+
+class GaussianEvidence(Evidence):
+    """Evidence by the predicted mean and variance at every pose that is asked for."""
+
+    def __init__(self, model: ObservationModel, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood):
+        self.model, self.descriptors, self.likelihood = model, descriptors, likelihood
+
+    def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
+        """See :class:`Evidence`."""
+        return self._log_prob(self.model.residuals(self.descriptors, poses))
+
+    def over_map(self) -> Float64[Tensor, "r n"]:
+        """See :class:`Evidence`."""
+        return self._log_prob(self.model.residuals_over_map(self.descriptors))
+
+    def _log_prob(self, residuals: Residuals) -> Tensor:
+        return self.likelihood.log_prob(residuals.squared, residuals.variance, self.model.map.dimension)
+
+
+def stored(state: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float64) -> Tensor:
+    """The tensor of that name.
+
+    Raises:
+        ValueError: it is not there, or has another shape or type.
+    """
+    if name not in state:
+        raise ValueError(f"the state has no {name}")
+    tensor = state[name]
+    if tuple(tensor.shape) != shape or tensor.dtype != dtype:
+        raise ValueError(f"{name} is {tensor.dtype} {tuple(tensor.shape)}; need {dtype} {shape}")
+    return tensor

@@ -1,0 +1,93 @@
+r"""Random Fourier features: the kernel as a mean of waves of random frequencies, and a linear regression on them.
+
+.. math:: k(x, x') \approx \phi(x)^\top \phi(x'), \qquad
+   \phi(x) = s_f \sqrt{\tfrac 2R}\, \big[\cos(\omega_j^\top u),\ \sin(\omega_j^\top u)\big]_{j \le R/2}, \qquad
+   u = (x, y, \cos\theta, \sin\theta)
+
+The frequencies are drawn from the kernel's spectral density: for positions the normal distribution of variance
+:math:`1/\ell^2` (RBF), or the t distribution of two dimensions with 2ν degrees of freedom (Matérn of smoothness ν); for
+the circle the normal one of variance :math:`1/\ell_\theta^2`, as the factor of the heading is an RBF of its chord. With
+cosine and sine in pairs :math:`\phi^\top\phi = s_f^2` exactly, and the error of k falls as :math:`1/\sqrt R`.
+
+A known weakness: with fewer features than the data have directions the posterior variance is too small far from the
+map, because R waves, once pinned there, are pinned everywhere.
+
+Sources: A. Rahimi and B. Recht, "Random features for large-scale kernel machines", NeurIPS 2007; D. J. Sutherland and
+J. Schneider, "On the error of random Fourier features", UAI 2015, for the pairs.
+"""
+
+import math
+
+import torch
+from jaxtyping import Float64
+from torch import Generator, Tensor
+
+from sextant.errors import UserError
+from sextant.localization.observation._feature_regression import FeatureRegression
+from sextant.localization.observation.model import stored
+from sextant.localization.pose_kernel import PoseKernel
+
+#: Degrees of freedom of the spectral density, twice the smoothness of the kernel.
+DOF = {"matern32": 3, "matern52": 5}
+
+
+class RandomFeatures(FeatureRegression):
+    """Bayesian linear regression on random Fourier features.
+
+    Args:
+        features: R, an even number.
+        seed: of the frequencies.
+
+    Raises:
+        UserError: the number of features is odd or below 2.
+    """
+
+    frequencies: Float64[Tensor, "4 half"]
+
+    def __init__(self, features: int = 512, seed: int = 0):
+        if features < 2 or features % 2:
+            raise UserError(
+                f"observation.features={features} must be even and at least 2: waves come as cosine and sine",
+                "Set observation.features=512.",
+            )
+        self.features, self.seed = features, seed
+
+    @property
+    def size(self) -> int:
+        """How many features there are."""
+        return self.features
+
+    def _fit(self) -> None:
+        self.check_noise()
+        generator = torch.Generator().manual_seed(self.seed)
+        self.frequencies = spectral_frequencies(self.kernel, self.features // 2, generator)
+        moments, noise = self.moments(), self.kernel.noise_variance
+        self.solve(torch.eye(self.size, dtype=torch.float64) + moments.gram / noise, moments.cross / noise)
+
+    def features_at(self, poses: Float64[Tensor, "n 3"]) -> Float64[Tensor, "n f"]:
+        """See the module's equation."""
+        heading = poses[:, 2:]
+        phases = torch.cat([poses[:, :2], heading.cos(), heading.sin()], dim=1) @ self.frequencies
+        scale = math.sqrt(2 * self.kernel.signal_variance / self.features)
+        return scale * torch.cat([phases.cos(), phases.sin()], dim=1)
+
+    def state(self) -> dict[str, Tensor]:
+        """See :class:`~sextant.localization.observation.model.ObservationModel`."""
+        return {"frequencies": self.frequencies, "weights": self.weights, "root": self.root}
+
+    def _load(self, state: dict[str, Tensor]) -> None:
+        self.frequencies = stored(state, "frequencies", (4, self.features // 2))
+        self.weights = stored(state, "weights", (self.features, self.map.dimension))
+        self.root = stored(state, "root", (self.features, self.features))
+
+
+def spectral_frequencies(kernel: PoseKernel, number: int, generator: Generator) -> Float64[Tensor, "4 n"]:
+    """Draws from the kernel's spectral density over (x, y, cos θ, sin θ), in rad per unit of each."""
+    waves = torch.randn(4, number, generator=generator, dtype=torch.float64)
+    if kernel.spatial != "rbf":
+        dof = DOF[kernel.spatial]
+        # a t variate is a normal one over the root of a mean of squares; one divisor for x and y together
+        squares = torch.randn(dof, number, generator=generator, dtype=torch.float64).square().mean(0)
+        waves[:2] /= squares.sqrt()
+    scale = torch.tensor([*kernel.length, kernel.heading_length, kernel.heading_length], dtype=torch.float64)
+    return waves / scale[:, None]

@@ -1,0 +1,63 @@
+"""What makes evidence of the frames of a drive: a camera by its map of descriptors, or a laser by its grid."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Float64, Int64
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.localization.laser import BeamModel, LikelihoodField
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.model import ObservationModel
+
+
+class Observer(ABC):
+    """A sensor on a drive, in a map."""
+
+    @abstractmethod
+    def observe(self, frames: Int64[ndarray, " r"]) -> Evidence:
+        """What the sensor tells at one frame of the drive for each of r runs."""
+
+
+class Camera(Observer):
+    """Images by their descriptors.
+
+    Args:
+        model: of the map.
+        likelihood: of a descriptor given what the model predicts.
+        descriptors: of all frames of the drive, as the map's are.
+    """
+
+    def __init__(self, model: ObservationModel, likelihood: Likelihood, descriptors: Float32[ndarray, "n d"]):
+        self.model, self.likelihood, self.descriptors = model, likelihood, descriptors
+
+    def observe(self, frames: Int64[ndarray, " r"]) -> Evidence:
+        """See :class:`Observer`."""
+        rows = torch.from_numpy(np.ascontiguousarray(self.descriptors[frames]))
+        return self.model.observe(rows, self.likelihood)
+
+
+class Laser(Observer):
+    """Scans in an occupancy grid.
+
+    Args:
+        model: of a scan.
+        scans: ranges in metres of all frames of the drive.
+        map_poses: where restarts begin.
+    """
+
+    def __init__(
+        self,
+        model: LikelihoodField | BeamModel,
+        scans: Float32[ndarray, "n beams"],
+        map_poses: Float64[Tensor, "m 3"],
+    ):
+        self.model, self.scans, self.map_poses = model, scans, map_poses
+
+    def observe(self, frames: Int64[ndarray, " r"]) -> Evidence:
+        """See :class:`Observer`."""
+        scans = torch.from_numpy(np.asarray(self.scans[frames], np.float64))
+        return self.model.observe(scans, self.map_poses)

@@ -1,0 +1,234 @@
+r"""A particle filter over poses in the plane, for many runs at once.
+
+.. math:: x_t^i \sim p(x_t \mid x_{t-1}^i, u_t), \qquad \log w_t^i = \log W_{t-1}^i + l(z_t \mid x_t^i), \qquad
+   W_t^i = w_t^i \Big/ \sum_j w_t^j,
+
+all in the log domain, so that a constant added to the log-likelihoods changes nothing but the evidence. Between
+weighing and normalising, a recovery may add particles elsewhere. Particles are resampled only where the effective
+sample size has fallen below a share of their number.
+
+Source: Doucet, Godsill & Andrieu, "On Sequential Monte Carlo Sampling Methods for Bayesian Filtering", 2000.
+"""
+
+from dataclasses import KW_ONLY, dataclass
+
+import torch
+from jaxtyping import Bool, Float64, Int64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.belief import Belief
+from sextant.localization.initialisation import Initialisation
+from sextant.localization.kld_size import KLDSize
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.motion import MotionModel
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.recovery import Injection, Recovery
+from sextant.localization.resampling import Resampling, thin
+from sextant.localization.weighed import Weighed
+
+
+@dataclass(frozen=True)
+class FilterState:
+    """All that a filter carries from step to step.
+
+    Attributes:
+        belief: of each run.
+        memory: what the recovery remembers of each run.
+    """
+
+    belief: Belief
+    memory: Float64[Tensor, "r s"]
+
+
+@dataclass(frozen=True)
+class FilterStep:
+    r"""What happened in one step of each run.
+
+    Attributes:
+        ess: effective sample size after weighing, before resampling.
+        resampled: whether it was resampled.
+        injected: particles that a recovery added.
+        log_evidence: :math:`\log p(z_t \mid z_{1:t-1})`, as far as the likelihoods are ones; 0 where nothing was seen,
+            -inf where no particle explained the observation.
+        particles: that carry weight after the step.
+        degenerate: whether no particle had a weight above zero: the observation was then dropped, all particles
+            weigh the same, and the run goes on.
+    """
+
+    ess: Float64[Tensor, "r"]
+    resampled: Bool[Tensor, "r"]
+    injected: Int64[Tensor, "r"]
+    log_evidence: Float64[Tensor, "r"]
+    particles: Int64[Tensor, "r"]
+    degenerate: Bool[Tensor, "r"]
+
+
+@dataclass(frozen=True)
+class ParticleFilter:
+    """Steps of the filter; it holds no state, which is passed to each step.
+
+    Attributes:
+        motion: how particles move.
+        resampling: how ancestors are drawn.
+        recovery: what is added for robots that are lost.
+        prior: where a robot may be before anything is seen.
+        ess_threshold: resample below this share of the particles; 0 never, 1 whenever weights differ.
+        kld: adapts the number of particles of each run; None keeps it. The arrays are then as wide as the largest run
+            needs, and in the others the places beyond their own number have weight zero.
+
+    Raises:
+        UserError: the threshold is not between 0 and 1.
+    """
+
+    motion: MotionModel
+    resampling: Resampling
+    recovery: Recovery
+    prior: MapPrior
+    _: KW_ONLY
+    ess_threshold: float = 0.5
+    kld: KLDSize | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.ess_threshold <= 1:
+            raise UserError(
+                f"filter.ess_threshold={self.ess_threshold} must lie between 0 and 1", "filter.ess_threshold=0.5"
+            )
+
+    def start(
+        self,
+        initialisation: Initialisation,
+        runs: int,
+        particles: int,
+        generator: torch.Generator,
+        evidence: Evidence | None = None,
+        seen: Bool[Tensor, "r"] | None = None,
+    ) -> FilterState:
+        """The state before the first step.
+
+        Args:
+            initialisation: where particles are put. If it ``uses_evidence``, the first image is in the belief, and the
+                first step is that of the second image.
+            runs: r, filtered together.
+            particles: of each run.
+            generator: of random numbers.
+            evidence: of the first image.
+            seen: in which runs there is a first image; None for all.
+
+        Raises:
+            UserError: there is to be no particle.
+        """
+        if particles < 1:
+            raise UserError(f"filter.particles={particles} must be at least 1", "For example filter.particles=1000")
+        belief = initialisation.start(self.prior, runs, particles, evidence, seen, generator)
+        return FilterState(belief, self.recovery.memory(runs, belief.poses.device))
+
+    def step(
+        self,
+        state: FilterState,
+        motion: Float64[Tensor, "r 3"] | None,
+        evidence: Evidence | None,
+        seen: Bool[Tensor, "r"] | None,
+        generator: torch.Generator,
+    ) -> tuple[FilterState, FilterStep]:
+        """Move, weigh, recover, resample.
+
+        Args:
+            state: after the step before.
+            motion: of each run since then, in the robot's frame; a row with nan is a motion that is unknown, None is no
+                motion at all.
+            evidence: what is seen now; None if no run sees anything.
+            seen: which runs see something; None for all.
+            generator: of random numbers.
+        """
+        belief = state.belief
+        if motion is not None:
+            belief = Belief(self.motion.sample(belief.poses, motion, generator), belief.log_weights)
+        memory = state.memory
+        runs = len(belief.log_weights)
+        injected = torch.zeros(runs, dtype=torch.int64, device=belief.poses.device)
+        log_evidence = belief.log_weights.new_zeros(runs)
+        degenerate = torch.zeros_like(injected, dtype=torch.bool)
+        if evidence is not None:
+            weighed = Weighed.of(belief, evidence, seen)
+            injection, remembered = self.recovery.inject(weighed, self.prior, memory, generator)
+            memory = torch.where(weighed.seen[:, None], remembered, memory)
+            poses, log_weights, injected = _joined(weighed, injection, generator)
+            log_evidence = log_weights.logsumexp(1)
+            degenerate = log_evidence == -torch.inf
+            belief = _normalised(belief, poses, log_weights, degenerate)
+            injected = injected.masked_fill(degenerate, 0)
+        ess = belief.ess()
+        belief, resampled = self._resampled(belief, ess, generator)
+        particles = (belief.log_weights > -torch.inf).sum(1)
+        step = FilterStep(ess, resampled, injected, log_evidence, particles, degenerate)
+        return FilterState(belief, memory), step
+
+    def _resampled(self, belief: Belief, ess: Tensor, generator: torch.Generator) -> tuple[Belief, Tensor]:
+        width = belief.log_weights.shape[1]
+        if self.kld is None:
+            needed = ess < self.ess_threshold * width
+            if not bool(needed.any()):
+                return belief, needed
+            ancestors = self.resampling.resample(belief.log_weights, width, generator)
+            chosen = torch.where(needed[:, None], ancestors, torch.arange(width, device=ancestors.device))
+            equal = Belief.uniform(belief.poses).log_weights
+            return Belief(
+                _picked(belief.poses, chosen), torch.where(needed[:, None], equal, belief.log_weights)
+            ), needed
+        return self._resized(belief, ess, self.kld, generator)
+
+    def _resized(self, belief: Belief, ess: Tensor, kld: KLDSize, generator: torch.Generator) -> tuple[Belief, Tensor]:
+        poses, log_weights = belief.poses, belief.log_weights
+        alive = (log_weights > -torch.inf).sum(1)
+        draws = self.resampling.resample(log_weights, log_weights.shape[1], generator)
+        wanted = kld.for_poses(_picked(poses, draws))
+        needed = (ess < self.ess_threshold * alive) | ((wanted - alive).abs() > kld.tolerance * alive)
+        if not bool(needed.any()):
+            return belief, needed
+        sizes = torch.where(needed, wanted, alive)
+        width = int(sizes.max())
+        ancestors = self.resampling.resample(log_weights, sizes, generator)
+        # runs that stay as they are: those with weight first, which moves them but changes nothing
+        order = log_weights.argsort(1, descending=True)[:, :width]
+        order = torch.nn.functional.pad(order, (0, width - order.shape[1]))
+        chosen = torch.where(needed[:, None], ancestors, order)
+        kept = torch.where(needed[:, None], -sizes[:, None].double().log(), log_weights.gather(1, order))
+        absent = torch.arange(width, device=poses.device) >= sizes[:, None]
+        return Belief(_picked(poses, chosen), kept.masked_fill(absent, -torch.inf)), needed
+
+
+def _joined(weighed: Weighed, injection: Injection | None, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+    """Poses and weights, not normalised, with the injected particles in the places that thinning freed."""
+    poses, log_weights = weighed.belief.poses, weighed.log_weights
+    if injection is None:
+        return poses, log_weights, torch.zeros_like(weighed.seen, dtype=torch.int64)
+    count = torch.where(weighed.seen, injection.count, 0)
+    some = (count > 0)[:, None]
+    log_weights = torch.where(some, log_weights + injection.log_kept[:, None], log_weights)
+    survivors, thinned = thin(log_weights, weighed.particles - count, generator)
+    survivors = torch.where(some, survivors, log_weights > -torch.inf)
+    log_weights = torch.where(some, thinned, log_weights)
+    rank = (~survivors).cumsum(1) - 1
+    filled = ~survivors & (rank < count[:, None])
+    source = rank.clamp(0, injection.log_weights.shape[1] - 1)
+    new_weights = injection.log_weights.gather(1, source)
+    new_weights = torch.where(new_weights.isfinite(), new_weights, -torch.inf)
+    return (
+        torch.where(filled[..., None], _picked(injection.poses, source), poses),
+        torch.where(filled, new_weights, log_weights),
+        count,
+    )
+
+
+def _normalised(before: Belief, poses: Tensor, log_weights: Tensor, degenerate: Tensor) -> Belief:
+    if not bool(degenerate.any()):
+        return Belief(poses, log_weights - log_weights.logsumexp(1, keepdim=True))
+    present = torch.where(before.log_weights > -torch.inf, 0.0, -torch.inf)
+    poses = torch.where(degenerate[:, None, None], before.poses, poses)
+    log_weights = torch.where(degenerate[:, None], present, log_weights)
+    return Belief(poses, log_weights - log_weights.logsumexp(1, keepdim=True))
+
+
+def _picked(poses: Tensor, rows: Tensor) -> Tensor:
+    return poses.gather(1, rows[..., None].expand(-1, -1, 3))

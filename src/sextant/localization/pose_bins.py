@@ -1,0 +1,42 @@
+"""The plane and the circle of headings cut into boxes, to count and to group poses."""
+
+import math
+from dataclasses import dataclass
+
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class PoseBins:
+    """Boxes of a grid in x, y and heading.
+
+    Attributes:
+        position: side of a box in metres.
+        heading: wanted width in rad; what is used divides the circle into whole boxes, at least one.
+    """
+
+    position: float
+    heading: float
+
+    @property
+    def turns(self) -> int:
+        """Boxes round the circle."""
+        return max(1, round(2 * math.pi / self.heading))
+
+    def cells(self, poses: Float64[Tensor, "r p 3"]) -> Int64[Tensor, "r p 3"]:
+        """The box of each pose: column, row, and heading from 0 to ``turns - 1``."""
+        scale = poses.new_tensor([1 / self.position, 1 / self.position, self.turns / (2 * math.pi)])
+        cells = (poses * scale).floor().long()
+        cells[..., 2].remainder_(self.turns)
+        return cells
+
+    def keys(self, cells: Int64[Tensor, "r p 3"]) -> Int64[Tensor, "r p"]:
+        """One number a box, the same in all runs."""
+        column, row, heading = (cells - cells.amin((0, 1))).unbind(2)
+        return (column * (row.max() + 1) + row) * self.turns + heading
+
+    def occupied(self, poses: Float64[Tensor, "r p 3"]) -> Int64[Tensor, "r"]:
+        """How many boxes the poses of each run lie in."""
+        ordered = self.keys(self.cells(poses)).sort(1).values
+        return 1 + (ordered[:, 1:] != ordered[:, :-1]).sum(1)

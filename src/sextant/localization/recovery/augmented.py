@@ -1,0 +1,80 @@
+r"""Some particles anywhere, when images fit worse of late than they used to.
+
+.. math:: w_{slow} \leftarrow w_{slow} + \alpha_{slow} (\bar w - w_{slow}), \quad
+   w_{fast} \leftarrow w_{fast} + \alpha_{fast} (\bar w - w_{fast}), \quad
+   \mathrm{share} = \max(0, 1 - w_{fast} / w_{slow})
+
+with :math:`\bar w = \sum_i W_i e^{l(z|x_i)}` the mean likelihood of the particles. Both are kept as logarithms, in
+which likelihoods of a hundred dimensions neither vanish nor overflow. Averages of the logarithms themselves (geometric,
+the default) are not ruled by the best image ever seen, as arithmetic ones are. After an injection both are forgotten.
+
+Source: Thrun, Burgard & Fox, "Probabilistic Robotics", MIT Press 2005, table 8.3; forgetting as in the AMCL of ROS.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.recovery.uniform import anywhere
+from sextant.localization.weighed import Weighed
+
+Average = Literal["geometric", "arithmetic"]
+
+
+@dataclass(frozen=True)
+class AugmentedMCL(Recovery):
+    """Injection by the ratio of a short-term to a long-term average of the likelihood.
+
+    Attributes:
+        alpha_slow: of the long-term average.
+        alpha_fast: of the short-term one; larger.
+        average: how likelihoods are averaged over time.
+        most: the largest share of the particles that is replaced in one step.
+
+    Raises:
+        UserError: not 0 < alpha_slow < alpha_fast < 1, or another argument is not one of what is allowed.
+    """
+
+    alpha_slow: float = 0.001
+    alpha_fast: float = 0.1
+    average: Average = "geometric"
+    most: float = 0.5
+    remembers = 2
+
+    def __post_init__(self) -> None:
+        if not 0 < self.alpha_slow < self.alpha_fast < 1:
+            raise UserError(
+                f"recovery.alpha_slow={self.alpha_slow} and recovery.alpha_fast={self.alpha_fast} must satisfy "
+                "0 < alpha_slow < alpha_fast < 1",
+                "For example recovery.alpha_slow=0.001 recovery.alpha_fast=0.1",
+            )
+        if self.average not in get_args(Average):
+            allowed = ", ".join(get_args(Average))
+            raise UserError(f"recovery.average={self.average!r} must be one of {allowed}", "recovery.average=geometric")
+        check_share("recovery.most", self.most)
+
+    def inject(
+        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
+    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        """Draws of the prior, as many as the averages ask for."""
+        now = weighed.log_evidence[:, None]
+        known = torch.where(memory.isnan(), now, memory)
+        memory = torch.where(now.isfinite(), self._averaged(known, now), memory)
+        slow, fast = memory.unbind(1)
+        share = -torch.expm1(fast - slow).nan_to_num(0.0)
+        count = whole_number(share.clamp(0, self.most), weighed.particles, generator)
+        count = torch.where(weighed.seen, count, 0)
+        memory = torch.where(count[:, None] > 0, torch.nan, memory)
+        return anywhere(weighed, prior, count, generator), memory
+
+    def _averaged(self, before: Tensor, now: Tensor) -> Tensor:
+        alpha = before.new_tensor([self.alpha_slow, self.alpha_fast])
+        if self.average == "geometric":
+            return before + alpha * (now - before)
+        return torch.logaddexp(before + torch.log1p(-alpha), now + alpha.log())

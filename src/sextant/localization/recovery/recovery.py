@@ -1,0 +1,84 @@
+r"""What every recovery offers: particles elsewhere, for a robot that is not where the filter believes it to be.
+
+A recovery adds a second measure to that of the particles that are kept,
+
+.. math:: e^{\kappa} \sum_i W_i e^{l(z \mid x_i)} \, \delta(x - x_i) + \sum_{k=1}^{m} e^{v_k}\, \delta(x - \tilde x_k),
+
+and the filter makes room for the m injected particles by thinning the others without bias
+(:func:`~sextant.localization.resampling.thin`); to leave out the m lightest would lose their mass. What a recovery
+remembers from step to step is handed to it and back: it has no state of its own.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.weighed import Weighed
+
+
+@dataclass(frozen=True)
+class Injection:
+    r"""Particles to be added in each run.
+
+    Attributes:
+        poses: :math:`\tilde x_k`.
+        log_weights: :math:`v_k`, on the scale of :attr:`Weighed.log_weights`.
+        count: m of each run; what stands beyond it means nothing.
+        log_kept: :math:`\kappa`, what the kept particles' weights are lowered by.
+    """
+
+    poses: Float64[Tensor, "r m 3"]
+    log_weights: Float64[Tensor, "r m"]
+    count: Int64[Tensor, "r"]
+    log_kept: Float64[Tensor, "r"]
+
+
+class Recovery(ABC):
+    """Proposes particles after each observation."""
+
+    #: Numbers it remembers of each run.
+    remembers: int = 0
+
+    def memory(self, runs: int, device: torch.device | None = None) -> Float64[Tensor, "r s"]:
+        """What it remembers before the first observation: nothing, told as nan."""
+        return torch.full((runs, self.remembers), torch.nan, dtype=torch.float64, device=device)
+
+    @abstractmethod
+    def inject(
+        self,
+        weighed: Weighed,
+        prior: MapPrior,
+        memory: Float64[Tensor, "r s"],
+        generator: torch.Generator,
+    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        """What to add, and what to remember; the filter leaves runs that saw nothing as they are.
+
+        Args:
+            weighed: the particles and what the observation says of them.
+            prior: where a robot may be that was carried away.
+            memory: what it remembered.
+            generator: of random numbers.
+        """
+
+
+def whole_number(
+    share: float | Float64[Tensor, "r"], particles: Int64[Tensor, "r"], generator: torch.Generator
+) -> Int64[Tensor, "r"]:
+    """A share of each run's particles, rounded at random so that its mean is right; at least one particle stays."""
+    chance = torch.rand(len(particles), generator=generator, dtype=torch.float64, device=particles.device)
+    return (share * particles + chance).floor().long().minimum(particles - 1).clamp(min=0)
+
+
+def check_share(key: str, share: float) -> None:
+    """Refuse a share that is not in (0, 1).
+
+    Raises:
+        UserError: names the key and the value.
+    """
+    if not 0 < share < 1:
+        raise UserError(f"{key}={share} must lie between 0 and 1", f"For example {key}=0.1")

@@ -1,0 +1,54 @@
+"""Particles at the map images the observation looks like, weighed by that observation again: a known mistake.
+
+Kept to be measured against :class:`~sextant.localization.recovery.BayesRestart`. An image that looks like a wrong place
+proposes that place, and then the same image confirms it: its likelihood counts twice.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.localization.appearance_proposal import AppearanceProposal
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.weighed import Weighed
+
+
+@dataclass(frozen=True)
+class TopKInjection(Recovery):
+    """A share of the particles is drawn at the best map images, by their likelihood, before the image weighs them all.
+
+    Attributes:
+        share: of the particles, and of the mass before the observation.
+        top: how many map images are drawn from.
+
+    Raises:
+        UserError: the share is not between 0 and 1, or ``top`` is below 1.
+    """
+
+    share: float = 0.05
+    top: int = 10
+
+    def __post_init__(self) -> None:
+        check_share("recovery.share", self.share)
+        if self.top < 1:
+            raise UserError(f"recovery.top={self.top} must be at least 1", "For example recovery.top=10")
+
+    def inject(
+        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
+    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        """Draws of the best images with jitter, weighed by the same observation."""
+        particles = weighed.particles
+        proposal = AppearanceProposal.of(weighed.evidence.over_map(), self.top)
+        count = whole_number(self.share, particles, generator)
+        count = torch.where(weighed.seen & proposal.log_total.isfinite(), count, 0)
+        most = int(count.max())
+        if most == 0:
+            return None, memory
+        rows, _ = proposal.draw(count, generator)
+        poses = prior.around(rows, generator)
+        log_weights = weighed.evidence.log_likelihood(poses) - particles.double().log()[:, None]
+        return Injection(poses, log_weights, count, torch.log1p(-count.double() / particles)), memory

@@ -1,0 +1,55 @@
+"""Some particles anywhere, at every observation."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.weighed import Weighed
+
+
+@dataclass(frozen=True)
+class UniformInjection(Recovery):
+    """A share of the posterior is replaced by the map's prior, after the image was weighed.
+
+    So each injected particle weighs what an average one weighs, and the next image decides. It is no Bayesian filter:
+    that share of the belief is lost again at every step, whatever was seen.
+
+    Attributes:
+        share: of the particles, and of the mass.
+
+    Raises:
+        UserError: the share is not between 0 and 1.
+    """
+
+    share: float = 0.05
+
+    def __post_init__(self) -> None:
+        check_share("recovery.share", self.share)
+
+    def inject(
+        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
+    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        """Draws of the prior."""
+        count = whole_number(self.share, weighed.particles, generator)
+        return anywhere(weighed, prior, count, generator), memory
+
+
+def anywhere(
+    weighed: Weighed, prior: MapPrior, count: Int64[Tensor, "r"], generator: torch.Generator
+) -> Injection | None:
+    """``count`` draws of the prior with an average weight each, in place of as much of the posterior."""
+    most = int(count.max())
+    if most == 0:
+        return None
+    particles = weighed.particles
+    average = weighed.log_evidence - particles.double().log()
+    return Injection(
+        prior.sample(len(count), most, generator),
+        average[:, None].expand(-1, most),
+        count,
+        torch.log1p(-count.double() / particles),
+    )

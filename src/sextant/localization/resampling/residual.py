@@ -1,0 +1,35 @@
+"""Whole copies first, and draws for what is left."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+from sextant.localization.resampling.resampling import Resampling, at_quantiles
+
+
+@dataclass(frozen=True)
+class ResidualResampling(Resampling):
+    r""":math:`\lfloor n W_i \rfloor` copies of each particle; the others by what is left of :math:`n W_i`.
+
+    Source: Liu & Chen, "Sequential Monte Carlo Methods for Dynamic Systems", JASA 1998.
+    """
+
+    def ancestors(
+        self,
+        weights: Float64[Tensor, "r p"],
+        counts: Int64[Tensor, "r 1"],
+        width: int,
+        generator: torch.Generator,
+    ) -> Int64[Tensor, "r c"]:
+        """Copies in the particles' order, then draws."""
+        expected = weights * counts
+        copies = expected.floor()
+        slots = torch.arange(width, dtype=torch.int64, device=weights.device).expand(len(weights), -1).contiguous()
+        taken = copies.long().cumsum(1)
+        copied = torch.searchsorted(taken, slots, right=True).clamp(max=weights.shape[1] - 1)
+        left = expected - copies
+        left = torch.where(left.sum(1, keepdim=True) > 0, left, weights)  # nothing is left: no draw will be used
+        uniform = torch.rand(len(weights), width, generator=generator, dtype=weights.dtype, device=weights.device)
+        return torch.where(slots < taken[:, -1:], copied, at_quantiles(left, uniform))

@@ -1,0 +1,28 @@
+"""One random number in each of n equal strata."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+from sextant.localization.resampling.resampling import Resampling, at_quantiles
+
+
+@dataclass(frozen=True)
+class StratifiedResampling(Resampling):
+    r"""Particles at the quantiles :math:`(k + u_k)/n`, :math:`u_k \sim U[0, 1)`.
+
+    The variance is never more than that of independent draws.
+    """
+
+    def ancestors(
+        self,
+        weights: Float64[Tensor, "r p"],
+        counts: Int64[Tensor, "r 1"],
+        width: int,
+        generator: torch.Generator,
+    ) -> Int64[Tensor, "r c"]:
+        """A draw within each stratum."""
+        offsets = torch.rand(len(weights), width, generator=generator, dtype=weights.dtype, device=weights.device)
+        return at_quantiles(weights, (torch.arange(width, device=weights.device) + offsets) / counts)

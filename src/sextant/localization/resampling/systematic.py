@@ -1,0 +1,29 @@
+"""One random offset and equal steps."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+from sextant.localization.resampling.resampling import Resampling, at_quantiles
+
+
+@dataclass(frozen=True)
+class SystematicResampling(Resampling):
+    r"""Particles at the quantiles :math:`(k + u)/n`, :math:`u \sim U[0, 1)` one number a run.
+
+    Each particle descends :math:`\lfloor n W_i \rfloor` or :math:`\lceil n W_i \rceil` times: in practice the least
+    variance, though what one particle gets depends on the others' order.
+    """
+
+    def ancestors(
+        self,
+        weights: Float64[Tensor, "r p"],
+        counts: Int64[Tensor, "r 1"],
+        width: int,
+        generator: torch.Generator,
+    ) -> Int64[Tensor, "r c"]:
+        """Equal steps from a random offset."""
+        offset = torch.rand(len(weights), 1, generator=generator, dtype=weights.dtype, device=weights.device)
+        return at_quantiles(weights, (torch.arange(width, device=weights.device) + offset) / counts)

@@ -1,0 +1,51 @@
+"""A belief that an observation weighs, as recoveries see it."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float64, Int64
+from torch import Tensor
+
+from sextant.localization.belief import Belief
+from sextant.localization.observation.evidence import Evidence
+
+
+@dataclass(frozen=True)
+class Weighed:
+    r"""Particles before and after one observation in each run.
+
+    Attributes:
+        belief: after the motion, before the observation.
+        log_likelihood: :math:`l(z | x)` of each particle; 0 in runs that saw nothing, -inf where it was not a number.
+        seen: which runs saw something.
+        evidence: what they saw.
+    """
+
+    belief: Belief
+    log_likelihood: Float64[Tensor, "r p"]
+    seen: Bool[Tensor, "r"]
+    evidence: Evidence
+
+    @classmethod
+    def of(cls, belief: Belief, evidence: Evidence, seen: Bool[Tensor, "r"] | None) -> "Weighed":
+        """Ask the evidence at every particle; ``seen`` None means all runs."""
+        runs = len(belief.log_weights)
+        seen = torch.ones(runs, dtype=torch.bool, device=belief.poses.device) if seen is None else seen
+        told = evidence.log_likelihood(belief.poses)
+        told = torch.where(told.isfinite(), told, -torch.inf)
+        return cls(belief, torch.where(seen[:, None], told, 0.0), seen, evidence)
+
+    @property
+    def log_weights(self) -> Float64[Tensor, "r p"]:
+        r""":math:`\log W_i + l(z | x_i)`, not normalised."""
+        return self.belief.log_weights + self.log_likelihood
+
+    @property
+    def log_evidence(self) -> Float64[Tensor, "r"]:
+        r""":math:`\log \sum_i W_i e^{l(z | x_i)}`: how well the belief had foreseen the observation."""
+        return self.log_weights.logsumexp(1)
+
+    @property
+    def particles(self) -> Int64[Tensor, "r"]:
+        """How many carried weight before the observation."""
+        return (self.belief.log_weights > -torch.inf).sum(1)

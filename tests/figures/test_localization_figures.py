@@ -1,0 +1,192 @@
+"""What the figures of localization show, read from their artists, and what a replay's file holds."""
+
+import itertools
+import tracemalloc
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from PIL import Image
+
+from sextant.errors import UserError
+from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
+from sextant.figures.particle_map import ESTIMATE, TRUTH, ParticleFrame, particle_map
+from sextant.figures.particle_replay import _Gif, particle_replay
+from sextant.figures.success_curves import SuccessCurve, success_curves
+from sextant.figures.trajectory_errors import RunErrors, trajectory_errors
+
+MAP = np.stack(np.meshgrid(np.linspace(0, 20, 30), np.linspace(0, 10, 20)), axis=-1).reshape(-1, 2)
+
+
+def moment(number=0, particles=50):
+    rng = np.random.default_rng(number)
+    pose = np.array([2.0 + number / 2, 5.0, 0.3])
+    poses = pose + rng.normal(0, 0.5, (particles, 3))
+    return ParticleFrame(poses, rng.normal(size=particles), pose, pose + 0.2, f"frame {number}", pose[None, :2])
+
+
+def texts(holder):
+    legend = holder.get_legend() if hasattr(holder, "get_legend") else holder.legends[0]
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_particles_are_coloured_by_weight_and_drawn_heaviest_last():
+    frame = ParticleFrame(np.array([[1.0, 2, 0], [3, 4, 0], [5, 6, 0]]), np.array([0.0, -2.0, -900.0]))
+    figure = particle_map(MAP, frame)
+    (axes,) = figure.axes
+    dots = axes.collections[1]
+    assert dots.get_offsets().tolist() == [[5, 6], [3, 4], [1, 2]]
+    np.testing.assert_allclose(dots.get_array(), [1e-4, np.exp(-2), 1])
+    assert texts(figure) == ["map", "particles (dark: heavy)", "truth", "estimate"]
+
+
+def test_truth_and_estimate_point_along_their_headings():
+    frame = moment()
+    (axes,) = particle_map(MAP, frame).axes
+    assert axes.get_title() == "frame 0"
+    marks = {to_hex(line.get_color()): line.get_xydata()[0] for line in axes.lines if line.get_marker() == "o"}
+    np.testing.assert_allclose(marks[to_hex(TRUTH)], frame.truth[:2])
+    np.testing.assert_allclose(marks[to_hex(ESTIMATE)], frame.estimate[:2])
+    arrow = axes.texts[1]
+    ahead = np.array(arrow.xy) - frame.estimate[:2]
+    assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.3)
+
+
+def test_a_railway_is_a_map_too(tmp_path):
+    track = np.column_stack([np.arange(100.0), np.zeros(100)])
+    (axes,) = particle_map(track, moment()).axes
+    low, high = axes.get_ylim()
+    assert low < 0 < high
+    with pytest.raises(ValueError, match="at least one position"):
+        particle_map(MAP[:0], moment())
+    with pytest.raises(ValueError, match="at least one position"):
+        particle_replay(MAP[:0], [moment()], tmp_path / "a.gif")
+
+
+def test_a_gif_has_every_frame_and_repeats(tmp_path):
+    path = tmp_path / "new" / "replay.gif"
+    assert particle_replay(MAP, (moment(i) for i in range(5)), path, frames_per_second=5) == 5
+    with Image.open(path) as animation:
+        assert animation.n_frames == 5
+        assert animation.info["loop"] == 0
+        frames = []
+        for number in range(5):
+            animation.seek(number)
+            assert animation.info["duration"] == 200
+            frames.append(np.asarray(animation.convert("RGB")).astype(int))
+    assert all(np.abs(a - b).max() > 100 for a, b in itertools.pairwise(frames))
+    assert [file.name for file in path.parent.iterdir()] == ["replay.gif"]
+
+
+def test_a_gif_is_read_back_as_it_was_written(tmp_path):
+    """Images of few colours lose none: every pixel of every frame."""
+    rng = np.random.default_rng(0)
+    images = []
+    for colours in (2, 7, 100):
+        table = rng.integers(0, 256, (colours, 3)).astype(np.uint8)
+        images.append(table[rng.integers(0, colours, (45, 61))])
+    writer = _Gif(tmp_path / "a.gif", 10.0, images[0].shape)
+    for image in images:
+        writer.write(image)
+    writer.close()
+    with Image.open(tmp_path / "a.gif") as animation:
+        for number, image in enumerate(images):
+            animation.seek(number)
+            np.testing.assert_array_equal(np.asarray(animation.convert("RGB")), image)
+
+
+def test_a_gif_and_a_video_show_the_same(tmp_path):
+    for name in ("replay.gif", "replay.mp4"):
+        particle_replay(MAP, [moment(0), moment(9)], tmp_path / name)
+    video = cv2.VideoCapture(str(tmp_path / "replay.mp4"))
+    with Image.open(tmp_path / "replay.gif") as animation:
+        for number in range(2):
+            animation.seek(number)
+            film = video.read()[1][..., ::-1].astype(float)
+            assert np.abs(np.asarray(animation.convert("RGB")) - film).mean() < 4
+
+
+def test_a_gif_shows_the_particles_of_its_frame_alone(tmp_path):
+    """The second frame has none of the first one's dots left: it equals an animation of that frame alone."""
+    kwargs = {"width": 4.0}
+    particle_replay(MAP, [moment(0), moment(9)], tmp_path / "two.gif", **kwargs)
+    particle_replay(MAP, [moment(9)], tmp_path / "one.gif", **kwargs)
+    with Image.open(tmp_path / "two.gif") as two, Image.open(tmp_path / "one.gif") as one:
+        two.seek(1)
+        np.testing.assert_array_equal(np.asarray(two.convert("RGB")), np.asarray(one.convert("RGB")))
+
+
+def test_a_video_has_every_frame(tmp_path):
+    path = tmp_path / "replay.mp4"
+    particle_replay(MAP, (moment(i) for i in range(4)), path, frames_per_second=8)
+    video = cv2.VideoCapture(str(path))
+    assert (video.get(cv2.CAP_PROP_FRAME_COUNT), video.get(cv2.CAP_PROP_FPS)) == (4, 8)
+    assert video.read()[1].mean() > 150  # a white ground
+
+
+def test_memory_does_not_grow_with_the_length(tmp_path):
+    def peak(number):
+        tracemalloc.start()
+        particle_replay(MAP, (moment(i) for i in range(number)), tmp_path / "replay.gif", width=3.0)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(2)
+    short, long = peak(3), peak(15)
+    assert long < short + 12 * 300 * 200 / 4  # a fourth of the pixels of the frames that were added
+
+
+def test_a_replay_that_fails_leaves_no_file(tmp_path):
+    def broken():
+        yield moment()
+        raise RuntimeError("the filter failed")
+
+    with pytest.raises(RuntimeError):
+        particle_replay(MAP, broken(), tmp_path / "replay.gif")
+    with pytest.raises(UserError, match="at least one frame"):
+        particle_replay(MAP, [], tmp_path / "replay.gif")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(UserError, match=r"written as .gif or .mp4"):
+        particle_replay(MAP, [moment()], tmp_path / "replay.avi")
+
+
+def test_errors_have_a_panel_each_with_convergence_and_kidnaps():
+    errors = np.geomspace(20, 0.1, 50)
+    runs = {"gp": RunErrors(errors, errors * 3, 30, (10,)), "laser": RunErrors(errors * 2, errors, None)}
+    position, heading = trajectory_errors(runs, OFFICE_LOCALIZATION).axes
+    assert (position.get_ylabel(), heading.get_ylabel()) == ("position error (m)", "heading error (°)")
+    curve, dot, kidnap, other = position.lines
+    np.testing.assert_allclose(curve.get_ydata(), errors)
+    assert dot.get_xydata().tolist() == [[30, errors[30]]]
+    assert kidnap.get_xdata() == [10, 10]
+    assert other.get_color() != curve.get_color() == dot.get_color() == kidnap.get_color()
+    assert position.patches[0].get_y() + position.patches[0].get_height() == 0.5
+    assert texts(position) == ["gp", "laser"]
+
+
+def test_a_railway_has_no_heading_panel():
+    errors = np.array([0.0, np.nan, 3.0])
+    (axes,) = trajectory_errors({"gp": RunErrors(errors)}, NORDLAND_LOCALIZATION).axes
+    assert axes.get_ylabel() == "position error (frames)"
+    assert axes.lines[0].get_ydata()[0] == pytest.approx(2e-3)  # none at all has no place on the axis
+    with pytest.raises(ValueError, match="no heading errors"):
+        trajectory_errors({"gp": RunErrors(errors)}, OFFICE_LOCALIZATION)
+    with pytest.raises(ValueError, match="at least one run"):
+        trajectory_errors({}, OFFICE_LOCALIZATION)
+
+
+def test_success_curves_say_how_many_particles_each_method_needs():
+    counts = np.array([25, 100, 1000])
+    rates = np.array([0.2, 0.95, 1.0])
+    good = SuccessCurve(counts, rates, rates - 0.1, np.minimum(rates + 0.1, 1))
+    bad = SuccessCurve(counts, rates / 2, rates / 4, rates)
+    (axes,) = success_curves({"gp": good, "laser": bad}, "success_0.5m_10deg_10f").axes
+    assert texts(axes) == ["gp  100", "laser  > 1,000"]
+    assert axes.get_xscale() == "log"
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["25", "100", "1,000"]
+    lower, upper = axes.collections[0].get_segments()[0][:, 1]
+    assert (lower, upper) == pytest.approx((10, 30))
+    with pytest.raises(ValueError, match="at least one curve"):
+        success_curves({})
