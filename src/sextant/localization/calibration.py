@@ -58,7 +58,7 @@ def appearance_noise(squared: Float[Tensor, " v"], variance: Float[Tensor, " v"]
 
 
 def tempered(likelihood: Likelihood, scores: Float[Tensor, "v n"], positives: Positives) -> Likelihood:
-    """The likelihood with the tempering that suits best.
+    """The likelihood with the tempering that suits best; 1 where a sharper one would.
 
     Args:
         likelihood: its ``tempering`` is replaced.
@@ -68,7 +68,7 @@ def tempered(likelihood: Likelihood, scores: Float[Tensor, "v n"], positives: Po
     Raises:
         ValueError: no validation image has a positive, or all scores are equal.
     """
-    return replace(likelihood, tempering=1 / fit_temperature(_array(scores), positives))
+    return replace(likelihood, tempering=min(1.0, 1 / fit_temperature(_array(scores), positives)))
 
 
 def posterior(scores: Float[Tensor, "v n"], positives: Positives, tempering: float) -> PlacePosterior:

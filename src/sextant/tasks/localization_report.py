@@ -98,7 +98,7 @@ def judge(outcome: Outcome, data: LocalizationData) -> Judged:
         inside,
         converged,
         protocol.frames,
-        global_localization(before, protocol, length=runs.lengths),
+        global_localization(before, protocol, length=np.where(kidnapped >= 0, kidnapped, runs.lengths)),
         recovery_after(inside, np.maximum(kidnapped, 0), protocol, length=runs.lengths) if taken else None,
         values[later],
     )

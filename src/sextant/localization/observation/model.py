@@ -28,6 +28,8 @@ class ObservationModel(ABC):
 
     map: DescriptorMap
     kernel: PoseKernel
+    #: what is predicted at the map's own poses: means in float32 and variances; worked out when it is first needed
+    _over_map: tuple[Tensor, Tensor] | None = None
 
     def fit(self, map: DescriptorMap, kernel: PoseKernel) -> Self:
         """Learn the map; a model that was fitted before forgets what it knew.
@@ -35,7 +37,7 @@ class ObservationModel(ABC):
         Raises:
             UserError: the model cannot be fitted to this map or kernel.
         """
-        self.map, self.kernel = map, kernel
+        self.map, self.kernel, self._over_map = map, kernel, None
         self._fit()
         return self
 
@@ -57,7 +59,7 @@ class ObservationModel(ABC):
         Raises:
             ValueError: the state is not one of this class with these arguments.
         """
-        self.map, self.kernel = map, kernel
+        self.map, self.kernel, self._over_map = map, kernel, None
         self._load(state)
         return self
 
@@ -82,14 +84,13 @@ class ObservationModel(ABC):
 
     def residuals_over_map(self, descriptors: Float32[Tensor, "r d"]) -> Residuals:
         """How far each run's descriptor is from the mean at the pose of every map image."""
-        squared, variance = [], []
-        for some in self.map.poses.split(BLOCK):
-            predicted = self.predict(some)
-            differences = torch.cdist(descriptors.double(), predicted.mean, compute_mode="donot_use_mm_for_euclid_dist")
-            squared.append(differences.square())
-            variance.append(predicted.variance)
-        together = torch.cat(squared, dim=1)
-        return Residuals(together, torch.cat(variance).expand_as(together))
+        if self._over_map is None:
+            predicted = [self.predict(some) for some in self.map.poses.split(BLOCK)]
+            means = torch.cat([part.mean.float() for part in predicted])
+            self._over_map = means, torch.cat([part.variance for part in predicted])
+        means, variance = self._over_map
+        squared = torch.cdist(descriptors, means, compute_mode="donot_use_mm_for_euclid_dist").double().square()
+        return Residuals(squared, variance.expand_as(squared))
 
     def observe(self, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood) -> Evidence:
         """What the descriptors, one a run, tell of each run's pose. A descriptor with nan tells nan.
