@@ -30,7 +30,17 @@ def run(verb: str, arguments: list[str]) -> None:
     from sextant.cli.console import reporting_mistakes
 
     with reporting_mistakes():
-        import_module(VERBS[verb][0]).main(arguments)
+        import_module(VERBS[verb][0]).main([word for argument in arguments for word in spelled_out(argument)])
+
+
+def spelled_out(argument: str) -> list[str]:
+    """``descriptor=run:<id>`` as the two overrides that it is short for; any other argument as it is."""
+    start = "descriptor=run:"
+    return (
+        ["descriptor=run", f"descriptor.run={argument.removeprefix(start)}"]
+        if argument.startswith(start)
+        else [argument]
+    )
 
 
 def run_script(verb: str) -> None:
