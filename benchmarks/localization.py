@@ -142,19 +142,20 @@ def observing(model: CachedLocalGP) -> Callable[[], CachedEvidence]:
 
 
 def city(count: int) -> DescriptorMap:
+    """Images of a city with descriptors that change smoothly over it."""
+    poses, describe = city_poses(count), smooth(np.random.default_rng(0))
+    return DescriptorMap.of(poses, torch.cat([describe(some) for some in poses.split(8192)]))
+
+
+def city_poses(count: int) -> torch.Tensor:
     """Streets on a square grid, images of eight headings every ten metres."""
+    random = np.random.default_rng(1)
     places = -(-count // HEADINGS)
-    return DescriptorMap.of(*_city_images(places, count))
-
-
-def _city_images(places: int, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-    random = np.random.default_rng(0)
     ground = streets(places) + random.normal(0, 0.5, (places, 2))
     heading = np.tile(2 * math.pi / HEADINGS * np.arange(HEADINGS) - math.pi, places)
     poses = np.concatenate([ground.repeat(HEADINGS, axis=0), heading[:, None]], axis=1)[:count]
     poses[:, 2] += random.normal(0, 0.05, count)
-    poses = torch.from_numpy(poses)
-    return poses, smooth(poses, random)
+    return torch.from_numpy(poses)
 
 
 def streets(places: int) -> np.ndarray:
@@ -168,20 +169,22 @@ def streets(places: int) -> np.ndarray:
     corners = BLOCK * np.stack([column, row], axis=1)
     # the crossing itself is on both streets: half a step further on one of them
     corner[steps:, 1] += ALONG / 2
-    return (corners[:, None] + corner).reshape(-1, 2)[:places]
+    places_of_blocks: np.ndarray = (corners[:, None] + corner).reshape(-1, 2)
+    return places_of_blocks[:places]
 
 
-def smooth(poses: torch.Tensor, random: np.random.Generator) -> torch.Tensor:
-    """Descriptors of norm about one from the kernel's own prior, by random waves, and noise."""
-    features = KERNEL.features(poses).numpy()
+def smooth(random: np.random.Generator) -> Callable[[torch.Tensor], torch.Tensor]:
+    """Describes poses by a draw of the kernel's own prior, made of random waves, with noise; norms are about one."""
     frequency, phase = random.normal(size=(4, WAVES)), random.uniform(0, 2 * math.pi, WAVES)
     mixture = random.normal(size=(WAVES, DIMENSION)) * math.sqrt(2 * KERNEL.signal_variance / WAVES)
-    descriptors = np.empty((len(poses), DIMENSION), np.float32)
-    for start in range(0, len(poses), 8192):
-        some = slice(start, start + 8192)
-        waves = np.cos(features[some] @ frequency + phase).astype(np.float32) @ mixture.astype(np.float32)
-        descriptors[some] = waves + random.normal(0, math.sqrt(KERNEL.noise_variance), waves.shape)
-    return torch.from_numpy(descriptors)
+
+    def describe(poses: torch.Tensor) -> torch.Tensor:
+        waves = np.cos(KERNEL.features(poses).numpy() @ frequency + phase).astype(np.float32)
+        descriptors = waves @ mixture.astype(np.float32)
+        noise = random.standard_normal(descriptors.shape, dtype=np.float32)
+        return torch.from_numpy(descriptors + noise * np.float32(math.sqrt(KERNEL.noise_variance)))
+
+    return describe
 
 
 def _linear(seconds: dict[str, float]) -> Row:

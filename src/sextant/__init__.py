@@ -5,4 +5,13 @@ notebook, and a frame around it (``tasks``, ``runs``, ``tracking``, ``reports``,
 Importing ``sextant`` itself imports nothing heavy.
 """
 
+from importlib import import_module
+
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> object:
+    """``sextant.Localizer``, imported when it is asked for."""
+    if name == "Localizer":
+        return getattr(import_module("sextant.localizer"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

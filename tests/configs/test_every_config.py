@@ -1,13 +1,17 @@
 """Every YAML file composes, is legal, and what it describes can be built."""
 
+import numpy as np
 import pytest
 import torch
 
 from sextant.cli.assemble import build, build_dataset
 from sextant.cli.compose import compose, conf_dir, groups, to_plain
 from sextant.config import validate
+from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
+from sextant.worlds.laser import LaserScanner
+from sextant.worlds.occupancy import occupancy_from_scans
 
 NEEDED = {
     "corruption=files": ["corruption.folder=/nowhere"],
@@ -26,8 +30,18 @@ NEEDED = {
 }
 PLACE_LOSSES = {"contrastive", "info_nce", "multi_similarity", "soft_margin", "triplet_margin", "triplet_ratio"}
 NEEDED |= {f"loss={name}": ["task=place_recognition"] for name in PLACE_LOSSES}
-NAMES = {"panorama_mix": "town_panoramas+panorama_folder"}
-NOT_BUILT = {"trainer", "tracking", "paths", "task", "experiment", "sweep"}
+LOCALIZATION = ("descriptor", "observation", "kernel", "likelihood", "motion", "filter", "recovery", "fault", "faults")
+NEEDED |= {group: ["task=localization"] for group in LOCALIZATION}
+NEEDED |= {
+    "dataset=pose_folder": ["dataset.folder=/nowhere"],
+    "descriptor=files": ["task=localization", "descriptor.folder=/nowhere"],
+    "descriptor=run": ["task=localization", "descriptor.run=gone"],
+    "fault=wrong_season_map": ["task=localization", "fault.condition=winter_snow"],
+}
+NAMES = {"panorama_mix": "town_panoramas+panorama_folder", "cold": "office_walk"}
+NOT_BUILT = {"trainer", "tracking", "paths", "task", "experiment", "sweep", "kernel", "likelihood", "filter"}
+SCANNER = LaserScanner(beams=60, field_of_view_rad=3.14, max_range_m=15.0, range_sigma_m=0.02, dropout=0.0)
+GRID = occupancy_from_scans(SCANNER, np.zeros((1, 3)), np.full((1, 60), 2.0), 0.25)
 CHOICES = [(group, option) for group, options in groups().items() for option in options]
 
 
@@ -50,6 +64,10 @@ def test_composes_validates_and_builds(group, option):
     elif group == "loss" and option not in PLACE_LOSSES:
         low, high = torch.tensor([-0.5, -0.5, 0.5, -1.0]), torch.tensor([0.5, 0.5, 1.5, 0.0])
         assert build(raw, group, space=ParameterSpace(Parameterization(), low, high)) is not None
+    elif group == "faults":
+        assert all(isinstance(build(raw["faults"]["faults"], name), Fault) for name in raw["faults"]["faults"])
+    elif choice in ("observation=laser_field", "observation=laser_beam"):
+        assert build(raw, group, grid=GRID, scanner=SCANNER, tempering=0.5).tempering == 0.5
     elif choice == "corruption=files":
         with pytest.raises(UserError, match=r"there is no labels\.npy"):
             build(raw, group)
@@ -105,6 +123,14 @@ def test_groups_of_calibration_do_nothing_elsewhere():
         validate(to_plain(compose(["task=classification", "loss=l2_range"])))
     with pytest.raises(UserError, match="augmentation belongs to task=classification"):
         validate(to_plain(compose(["task=calibration", "augmentation=standard"])))
+
+
+@pytest.mark.parametrize("group", LOCALIZATION)
+def test_groups_of_localization_do_nothing_elsewhere(group):
+    option = groups()[group][-1]
+    needed = [each for each in NEEDED.get(f"{group}={option}", []) if not each.startswith("task=")]
+    with pytest.raises(UserError, match=f"{group} belongs to task=localization"):
+        validate(to_plain(compose(["task=classification", f"{group}={option}", *needed])))
 
 
 def test_a_test_distribution_of_its_own():

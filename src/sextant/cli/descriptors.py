@@ -81,36 +81,59 @@ class DescriptorFiles:
         """Hash of the names and contents of all files.
 
         Raises:
-            UserError: there is no such folder, or it has no such file.
+            UserError: there is no such folder, or it has no such file, or they are of different widths.
         """
-        paths = sorted(Path(self.folder).expanduser().glob("*.npy"))
+        root = Path(self.folder).expanduser()
+        paths = sorted(root.rglob("*.npy"))
         if not paths:
             raise UserError(
                 f"descriptor.folder={self.folder}: there is no such folder, or no .npy file in it",
                 "One file a drive: <drive>.npy, an array (images, dimensions) of 32-bit floats.",
             )
+        widths = {path.relative_to(root).as_posix(): _rows(path).shape[-1] for path in paths}
+        first = next(iter(widths))
+        if other := [name for name, width in widths.items() if width != widths[first]]:
+            raise UserError(
+                f"descriptor.folder={self.folder}: {first} has {widths[first]} numbers an image, {other[0]} has "
+                f"{widths[other[0]]}; map and drives must be described by the same descriptor",
+                f"Describe the images of {first.removesuffix('.npy')} or {other[0].removesuffix('.npy')} anew.",
+            )
         hashed = hashlib.sha256()
-        for path in paths:
-            hashed.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+        for name, path in zip(widths, paths, strict=True):
+            hashed.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
         return hashed.hexdigest()
 
     def of(self, drive: "Drive", count: int) -> Float32[ndarray, "n d"]:
         """The vectors of a drive of ``count`` images.
 
         Raises:
-            UserError: the file is missing, is no array of numbers, or has another number of rows.
+            UserError: the file is missing, is no array of numbers, has another number of rows, or one that is nan.
         """
         path = Path(self.folder).expanduser() / f"{drive.name}.npy"
-        try:
-            rows = np.load(path, mmap_mode="r", allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise UserError(f"descriptor.folder: {path} cannot be read: {error}", "Write it with numpy.save.") from None
+        rows = _rows(path)
         if rows.ndim != 2 or len(rows) != count or rows.dtype.kind != "f":
             raise UserError(
                 f"{path} has shape {rows.shape} of {rows.dtype}; {count} rows of floats are needed, one an image",
                 "Describe the images of this drive anew, in their order.",
             )
-        return np.asarray(rows, np.float32)
+        told = np.asarray(rows, np.float32)
+        if len(bad := np.flatnonzero(~np.isfinite(told).all(axis=1))):
+            raise UserError(
+                f"{path}: {len(bad):,} of {count:,} rows are not finite, the first is row {bad[0]}, counted from 0",
+                "Describe these images anew, or leave them out of the drive.",
+            )
+        return told
+
+
+def _rows(path: Path) -> ndarray:
+    """A file's array, mapped."""
+    try:
+        rows: ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise UserError(f"descriptor.folder: {path} cannot be read: {error}", "Write it with numpy.save.") from None
+    if not rows.ndim:
+        raise UserError(f"descriptor.folder: {path} holds a single number", "One row an image, by numpy.save.")
+    return rows
 
 
 class BaselineDescriber:

@@ -1,4 +1,4 @@
-"""``predict.py``: classify images, calibrate photos, or look photos up in a map, with a trained model.
+"""``predict.py``: classify images, calibrate photos, look photos up in a map, or localize them in one.
 
 What is heavy is imported where it is used, so that mistakes in a command are told at once.
 """
@@ -16,6 +16,10 @@ from sextant.atomic_files import write_atomically
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
 from sextant.cli.input_photos import find_photos
+from sextant.cli.localizing.options import KEYS as LOCALIZING_KEYS
+from sextant.cli.localizing.options import OUTPUT as LOCALIZATION_OUTPUT
+from sextant.cli.localizing.options import localization_map
+from sextant.cli.localizing.options import options_from as localizing_options
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
 from sextant.cli.photo_calibration.options import CalibrationOptions, options_from
@@ -31,14 +35,21 @@ USAGE = (
     "output=<folder>"
 )
 PLACE_USAGE = "python predict.py run=<...> map=<folder> queries=<folder> [output=matches]"
+LOCALIZING_USAGE = (
+    "python predict.py run=<run of localization, or a saved map> input=<folder of photos, or video> "
+    "[odometry=<table>] [output=localization]"
+)
 KEYS = {
     "run": "the trained model",
-    "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'",
-    "output": "folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given",
+    "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'; for localization "
+    "also a video",
+    "output": "folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given; for "
+    "localization, localization unless given",
     "outputs": "output folder of runs, if not the default",
     "trust": "true: build parts of the user's own that the checkpoint names",
     **{key: f"calibration: {text}" for key, text in CALIBRATION_KEYS.items()},
     **{key: f"places: {text}" for key, text in (PLACE_INPUTS | PLACE_KEYS).items()},
+    **{key: f"localization: {text}" for key, text in LOCALIZING_KEYS.items()},
 }
 BATCH = 256
 SHEET = 40
@@ -47,9 +58,12 @@ SHEET = 40
 def main(arguments: Sequence[str]) -> None:
     """Predict every image; one that cannot be read is named in the result and the rest go on."""
     quiet_libraries()
-    given = parse_arguments(arguments, KEYS, f"{USAGE}\n{PLACE_USAGE}")
+    given = parse_arguments(arguments, KEYS, f"{USAGE}\n{PLACE_USAGE}\n{LOCALIZING_USAGE}")
     if any(key in given for key in PLACE_INPUTS):
         _match_places(given)
+        return
+    if "run" in given and (where := localization_map(given["run"], _outputs(given))) is not None:
+        _localize(given, where)
         return
     _require(given, ("run", "input", "output"), USAGE)
     output = Path(given["output"]).expanduser()
@@ -67,7 +81,13 @@ def main(arguments: Sequence[str]) -> None:
             PLACE_USAGE,
         )
     _refuse(given, PLACE_KEYS, "place_recognition", trained["task"])
+    _refuse(given, LOCALIZING_KEYS, "localization", trained["task"])
     trust = given.get("trust") == "true"
+    if trained["task"] == "localization":
+        raise UserError(
+            f"run={given['run']}: this checkpoint of localization lies outside of its run's folder, which has the map",
+            "Name the run's folder, or a folder that Localizer.save wrote.",
+        )
     if trained["task"] == "calibration":
         _calibrate(trained, found.checkpoint, paths, output, options, trust)
         return
@@ -103,11 +123,27 @@ def _make(output: Path) -> None:
 
 
 def _find_run(given: Mapping[str, str]) -> FoundRun:
+    return resolve_run(given["run"], _outputs(given))
+
+
+def _outputs(given: Mapping[str, str]) -> Path:
     if "outputs" in given:
-        return resolve_run(given["run"], Path(given["outputs"]).absolute())
+        return Path(given["outputs"]).absolute()
     from sextant.cli.compose import default_outputs
 
-    return resolve_run(given["run"], default_outputs())
+    return default_outputs()
+
+
+def _localize(given: Mapping[str, str], folder: Path) -> None:
+    _require(given, ("input",), LOCALIZING_USAGE)
+    for keys, task in ((PLACE_KEYS, "place_recognition"), (CALIBRATION_KEYS, "calibration")):
+        _refuse(given, keys, task, "localization")
+    options = localizing_options(given)
+    output = Path(given.get("output", LOCALIZATION_OUTPUT)).expanduser()
+    _make(output)
+    from sextant.cli.localizing.predict import predict_poses
+
+    predict_poses(folder, given["input"], output, options, trust=given.get("trust") == "true")
 
 
 def _calibrate(

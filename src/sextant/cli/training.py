@@ -176,6 +176,8 @@ def _with_record(
     write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
     for name, figure in record.figures:
         save_figure(figure, directory.figures, name)
+    for name, write in record.files.items():
+        write(directory.path / name)
     parameters = sum(parameter.numel() for parameter in module.parameters())
     table = {"table": record.table} if record.table else {}
     return results | {"metrics": results["metrics"] | record.metrics, "parameters": parameters} | table | record.facts

@@ -27,6 +27,7 @@ class Measure:
         better: direction.
         diverged: when a run counts as diverged, for the reader.
         digits: behind the point.
+        items: what a run is tested on, of which each has a value.
     """
 
     title: str
@@ -36,6 +37,7 @@ class Measure:
     better: Literal["higher", "lower"]
     diverged: str
     digits: int = 2
+    items: str = "images"
 
     def of_published(self, accuracy: float) -> float:
         """A published figure in this measure's unit; sweeps give those of classifiers as accuracies in per cent."""
@@ -82,6 +84,18 @@ RECALL = Measure(
     "higher",
     "its recall@1 on the validation split is below three times chance",
 )
+SUCCESS = Measure(
+    "Success, per cent of the runs along the test drives",
+    "success",
+    "difference in success (points)",
+    "mean",
+    "higher",
+    "its posterior over the map's images is no likelier to be right on the validation drives than a uniform one",
+    digits=1,
+    items="runs along drives",
+)
+#: how the arrays of a localizer are named that tell which of its runs along the test drives knew where they were
+LOCALIZED = "success/"
 #: how the arrays of a run of place recognition are named that tell which queries the network finds
 FOUND_FIRST, FOUND_LAST = "R@1_", "/network"
 #: errors of the network that a run of calibration keeps, with their columns in a report
@@ -118,6 +132,8 @@ def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> 
     severities, then over all shared corruptions) and, if more than those are shared, ``benchmark 15``. The value of an
     image is 100 times the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
 
+    Of a localizer each *image* is one of its runs along the test drives, and the conditions are its trials.
+
     Args:
         arrays: of the run's ``predictions.npz``.
         shared: the conditions of a published set that all runs share, if they were tested under one.
@@ -125,6 +141,8 @@ def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> 
     Raises:
         KeyError: they are not the arrays of a run.
     """
+    if trials := [key for key in arrays if key.startswith(LOCALIZED)]:
+        return RunValues(SUCCESS, {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in trials})
     found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
     if any(name.startswith(FOUND_FIRST) for name in found.values()):
         single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}

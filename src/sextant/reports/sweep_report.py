@@ -14,6 +14,7 @@ from sextant.figures.style import save_figure
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
+from sextant.reports.particles_report import particles_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
@@ -26,13 +27,14 @@ def write_report(results: SweepResults) -> list[Path]:
 
     Returns:
         The files: ``report.md``, ``cells.csv``, ``contrasts.csv``, ``cells.tex``, ``contrasts.tex``, ``cost.csv``,
-        those of a published set of corruptions if the runs were tested under one, figures.
+        those of a published set of corruptions if the runs were tested under one, those of particle counts if several
+        were tried, figures.
     """
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)
     cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
-    sections = [corruption_section(results), cost_section(results)]
+    sections = [corruption_section(results), particles_section(results), cost_section(results)]
     texts = {
         "report.md": _markdown(results, summaries, cells, compared, rows, sections),
         "cells.csv": _csv([asdict(summary) for summary in summaries]),
@@ -75,7 +77,7 @@ def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) ->
         "published",
         "difference",
         "95 % over seeds",
-        "95 % over seeds and images",
+        f"95 % over seeds and {results.measure.items}",
         "noise floor",
         "spread of one pair",
         "pairs",
@@ -169,8 +171,8 @@ def _markdown(
 def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
     measure = results.measure
     return (
-        f"{measure.difference.capitalize()}, paired by seed, on the same test images; {measure.better} is better. "
-        "The noise floor is the mean difference that "
+        f"{measure.difference.capitalize()}, paired by seed, on the same test {measure.items}; {measure.better} is "
+        "better. The noise floor is the mean difference that "
         "seeds alone make, with its interval, and the spread of one such pair. Holm's family is the conditions of one "
         "setting. *Dropped* pairs have a run that diverged, failed or is missing."
         + _least_p(rows, len(results.conditions))
@@ -208,10 +210,18 @@ def _forest_row(row: ContrastRow) -> ForestRow:
 def _levels(conditions: list[str]) -> dict[str, list[float]]:
     levels: dict[str, list[float]] = {}
     for key in conditions:
-        if "/" in key:
-            corruption, level = key.rsplit("/", 1)
+        corruption, _, level = key.rpartition("/")
+        if corruption and _is_number(level):  # the name of a drive may have a stroke in it
             levels.setdefault(corruption, []).append(float(level))
     return levels
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _names(rows: list[ContrastRow]) -> list[str]:

@@ -63,7 +63,7 @@ class LaserLocalization(pl.LightningModule):
         """Fit the tempering to the validation drives."""
         scores, poses, references = self._scores(data)
         positives = same_place(poses, references, protocol_of(data.drives))
-        self.fitted.copy_(torch.tensor([tempered(Likelihood(), scores, positives).tempering]))
+        self.fitted.copy_(self.fitted.new_tensor([tempered(Likelihood(), scores, positives).tempering]))
 
     def place_posterior(self, data: LocalizationDataModule) -> PlacePosterior:
         """How likely the posterior over the map's poses is to be right on the validation drives."""

@@ -97,12 +97,14 @@ class Localization(pl.LightningModule):
         self.register_buffer("fitted", torch.tensor([1.0, 0.0], dtype=torch.float64))  # tempering, appearance noise
         self._conditioning: tuple[DescriptorMap, Conditioning] | None = None
         self._fitted_map: tuple[Drive, PoseKernel, ObservationModel] | None = None
+        self._begun = False
+        self.register_load_state_dict_post_hook(_with_weights)
 
     # -- training ------------------------------------------------------------------------------------------------------
 
     def on_fit_start(self) -> None:
-        """Whiten, if so wished, and read a start off the map, unless training is resumed."""
-        if self.trainer.global_step == 0:
+        """Whiten, if so wished, and read a start off the map, unless there are weights to go on from."""
+        if not self._begun:  # weights are loaded before this, the number of the step only after it
             if self.calibration.whitening:
                 self.whitener.copy_(error_whitening(self._validation_errors(self._data)))
             rows = torch.from_numpy(self._data.choices(0)[0])
@@ -169,7 +171,7 @@ class Localization(pl.LightningModule):
             likelihood = tempered(likelihood, scores_over_map(model, queries, likelihood), positives)
         else:
             likelihood = replace(likelihood, tempering=wanted.likelihood.tempering)
-        self.fitted.copy_(torch.tensor([likelihood.tempering, likelihood.appearance_variance]))
+        self.fitted.copy_(self.fitted.new_tensor([likelihood.tempering, likelihood.appearance_variance]))
 
     @property
     def likelihood(self) -> Likelihood:
@@ -259,6 +261,11 @@ class Localization(pl.LightningModule):
     @property
     def _data(self) -> LocalizationDataModule:
         return self.trainer.datamodule  # type: ignore[attr-defined,no-any-return]
+
+
+def _with_weights(module: Any, keys: object) -> None:
+    """Note that a localizer has weights of a checkpoint."""
+    module._begun = True
 
 
 def _validation_map(data: LocalizationDataModule) -> Drive:

@@ -199,7 +199,7 @@ def table(found: Mapping[str, Judged]) -> list[dict[str, str]]:
 def facts(found: Mapping[str, Judged], protocol: LocalizationProtocol) -> dict[str, object]:
     """By what success was judged."""
     return {
-        "protocol": {
+        "success_protocol": {
             "position": protocol.position,
             "unit": protocol.unit,
             "heading_deg": protocol.heading_deg,

@@ -1,7 +1,7 @@
 """Localizing the test drives: with each fault, along each drive, with each number of particles."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,9 +132,7 @@ def run_trials(
         observer_of = make_observers(changed.map, faulty)
         prior = MapPrior(torch.from_numpy(faulty.poses), settings.spread[:2], settings.spread[2])
         for drive in changed.test:
-            runs = lay_out_runs(
-                drive, fault, settings.starts, settings.horizon, settings.every, settings.seed + 1000 * number
-            )
+            runs = _laid_out(drive, fault, settings, number)
             observer = observer_of(drive)
             for particles in settings.particle_counts:
                 trial = Trial(drive.name, drive.condition, name, particles)
@@ -142,6 +140,37 @@ def run_trials(
                 done += 1
                 if progress:
                     progress(done, total)
+
+
+def check_runs(data: LocalizationData, faults: Mapping[str, Fault], settings: TestSettings) -> None:
+    """Lay out all runs, so that a mistake is told before anything is trained.
+
+    Raises:
+        UserError: a fault does not fit the dataset or a run.
+    """
+    for number, fault in enumerate(faults.values()):
+        for drive in fault.data(data).test:
+            _laid_out(drive, fault, settings, number)
+
+
+def short_drives(drives: Sequence[Drive], settings: TestSettings) -> list[str]:
+    """What a reader should know of drives too short for runs of ``horizon`` steps from as many frames as wished."""
+    notes = []
+    for drive in drives:
+        begins = min(settings.starts, max(0, len(drive) - settings.horizon * settings.every) + 1)
+        if begins < settings.starts:
+            steps = min(settings.horizon, -(-len(drive) // settings.every))
+            notes.append(
+                f"task.horizon={settings.horizon} task.every={settings.every}: {drive.name} has {len(drive)} frames, "
+                f"and its {settings.starts} runs of {steps} steps start at {begins} of them; those that start at the "
+                "same one differ in their random numbers alone"
+            )
+    return notes
+
+
+def _laid_out(drive: Drive, fault: Fault, settings: TestSettings, number: int) -> TestRuns:
+    """The runs along a drive with the fault of that number."""
+    return lay_out_runs(drive, fault, settings.starts, settings.horizon, settings.every, settings.seed + 1000 * number)
 
 
 def _one(

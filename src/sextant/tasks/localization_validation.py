@@ -89,6 +89,18 @@ def same_place(
     return Positives.from_lists(lists, len(references))
 
 
+def check_validation(data: LocalizationData) -> None:
+    """See that there is something to fit the likelihood on.
+
+    Raises:
+        UserError: as :func:`same_place`.
+    """
+    if data.validation:
+        where = data.map if data.validation_map is None else data.validation_map
+        poses = np.concatenate([drive.poses for drive in data.validation])
+        same_place(torch.from_numpy(poses), torch.from_numpy(where.poses), protocol_of(data))
+
+
 def protocol_of(data: LocalizationData) -> LocalizationProtocol:
     """What counts as being localized in a dataset."""
     return PROTOCOLS[data.protocol]

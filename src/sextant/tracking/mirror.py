@@ -141,7 +141,7 @@ def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status, 
     failure = directory.state().get("failure")
     if failure:
         mirror.tags({"sextant.failure": str(failure)})
-    for path in (directory.config, directory.metrics, directory.figures):
+    for path in (directory.config, directory.metrics, directory.figures, directory.path / "trajectories"):
         mirror.artifacts(path)
     if checkpoint:
         mirror.artifacts(directory.checkpoints)

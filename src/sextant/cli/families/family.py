@@ -1,7 +1,7 @@
 """What a family of method is to the life cycle of a run."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -37,6 +37,7 @@ class TestRecord:
         metrics: further numbers.
         table: rows of a comparison, each a mapping from column to text.
         facts: what else belongs beside the results, as plain values.
+        files: what else is written: a file or folder below the run's, and what writes it.
     """
 
     arrays: dict[str, np.ndarray]
@@ -44,6 +45,7 @@ class TestRecord:
     metrics: dict[str, float] = field(default_factory=dict)
     table: list[dict[str, str]] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
+    files: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
 
 class Family(ABC):

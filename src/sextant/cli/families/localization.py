@@ -1,7 +1,8 @@
 """Localization: how its parts are put together."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -80,10 +81,16 @@ class LocalizationFamily(Family):
         self, raw: Mapping[str, Any], config: Config, source: Any, data: "LocalizationDataModule"
     ) -> dict[str, Any]:
         """Numbers of a descriptor; reads all drives, so that a mistake in any of them is told before training."""
-        from sextant.tasks.localization_validation import protocol_of
+        from sextant.tasks.localization_test import check_runs
+        from sextant.tasks.localization_validation import check_validation
 
         drives = data.drives
-        protocol_of(drives)
+        check_validation(drives)
+        check_runs(drives, _faults(raw), test_settings(raw, config, data))
+        if raw["descriptor"].get("folder") is not None:  # files of vectors, read where a mistake in them costs nothing
+            for drive in (drives.map, drives.validation_map, *drives.validation, *drives.test):
+                if drive is not None:
+                    data.descriptors(drive)
         return {"dimension": 0 if isinstance(config.observation, LASERS) else data.dimension, "unit": drives.unit}
 
     def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> Any:
@@ -138,7 +145,7 @@ class LocalizationFamily(Family):
     def record(self, module: Any, data: "LocalizationDataModule", config: Config) -> TestRecord:
         """Localize the test drives: with each fault, along each drive, with each number of particles."""
         from sextant.tasks import localization_report as report
-        from sextant.tasks.localization_test import run_trials
+        from sextant.tasks.localization_test import run_trials, short_drives
         from sextant.tasks.localization_validation import protocol_of
 
         raw = config.model_dump(by_alias=True)
@@ -148,12 +155,24 @@ class LocalizationFamily(Family):
             outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress))
         trials = [outcome.trial for outcome in outcomes]
         found = {report.name_of(o.trial, trials): report.judge(o, data.drives) for o in outcomes}
+        files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}
+        if settings.replay:
+            files["figures"] = partial(report.write_replays, found, data.drives)
+        if _task(config).save_map and not _is_laser(raw):
+            from sextant.cli.localizing.run_map import run_localizer, write_map
+
+            outputs = Path(config.paths.outputs)
+            files["map"] = lambda folder: write_map(run_localizer(module, data, settings, raw, outputs), folder)
         return TestRecord(
             report.arrays(found),
             report.figures(found, data.drives),
             report.metrics(found, data.drives),
             report.table(found),
-            facts={**report.facts(found, protocol_of(data.drives)), "notes": list(data.drives.notes)},
+            facts={
+                **report.facts(found, protocol_of(data.drives)),
+                "notes": [*data.drives.notes, *short_drives(data.drives.test, settings)],
+            },
+            files=files,
         )
 
 
@@ -210,15 +229,16 @@ def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, floa
 def _faults(raw: Mapping[str, Any]) -> dict[str, Any]:
     """The faults to try, by name."""
     if raw.get("faults") is None:
-        name = str(raw["fault"]["_target_"]).rsplit(".", 1)[-1]
-        return {"none" if name == "NoFault" else name: build(raw, "fault")}
+        name = re.sub(r"(?<!^)(?=[A-Z])", "_", str(raw["fault"]["_target_"]).rsplit(".", 1)[-1]).lower()
+        return {"none" if name == "no_fault" else name: build(raw, "fault")}
     return {name: build(raw["faults"]["faults"], name) for name in raw["faults"]["faults"]}
 
 
 def _is_laser(raw: Mapping[str, Any]) -> bool:
     return str(raw["observation"]["_target_"]) in {
-        laser.model_fields["target"].annotation.__args__[0] for laser in LASERS
-    }  # type: ignore[union-attr]
+        laser.model_fields["target"].annotation.__args__[0]  # type: ignore[union-attr]
+        for laser in LASERS
+    }
 
 
 def _scan_model(raw: Mapping[str, Any], grid: Any, scanner: Any, tempering: float) -> Any:

@@ -8,10 +8,15 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 RBF, MATERN32, MATERN52 = 0, 1, 2
-#: Values of float32 in a line of memory.
-LINE = 16
+#: Of a line of memory.
+BYTES = 64
+#: Poses between asking for memory and using it.
+AHEAD = 4
 
 
 def compiled(function: Any) -> Any:
@@ -21,6 +26,32 @@ def compiled(function: Any) -> Any:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # nowhere to keep it: compile in every process
         return numba.njit(**options)(function)
+
+
+@intrinsic
+def _ask_for(context, address):  # type: ignore[no-untyped-def]
+    """Have the line of memory at an address fetched, without waiting for it."""
+
+    def emit(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+        # with the type of the pointer in its name, which LLVM 15 needs and later ones drop
+        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        to_read, keep, data = (number(value) for value in (0, 3, 1))
+        builder.call(ask, [builder.inttoptr(arguments[0], pointer), to_read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(types.uintp), emit
+
+
+@compiled
+def ask_for(matrix, row, column, count):  # type: ignore[no-untyped-def]
+    """Have ``count`` values of a row fetched."""
+    start = matrix.ctypes.data + (row * matrix.shape[1] + column) * matrix.itemsize
+    last = start + count * matrix.itemsize - 1
+    for at in range(start, last, BYTES):
+        _ask_for(at)  # type: ignore[call-arg]
+    _ask_for(last)  # type: ignore[call-arg]
 
 
 @compiled
@@ -75,18 +106,25 @@ def gram_residuals(  # type: ignore[no-untyped-def]
         squared: ``(m,)`` written.
         explained: ``(m,)`` written.
 
-    Returns:
-        A number without meaning, which keeps the compiler from leaving out the reads ahead.
     """
     k = neighbours.shape[1]
     across, seen, known = np.empty(k), np.empty(k), np.empty(k)
-    touched = 0.0
     for pose in range(len(images)):
+        # where particles are spread over a city, nearly all the time is waiting for memory: ask ahead
+        later = pose + 2 * AHEAD
+        if later < len(images):
+            ask_for(neighbours, images[later], 0, k)
+        later = pose + AHEAD
+        if later < len(images):
+            image, run = images[later], runs[later]
+            ask_for(whiteners, image, 0, whiteners.shape[1])
+            ask_for(grams, image, 0, grams.shape[1])
+            for j in range(k):
+                row = neighbours[image, j]
+                ask_for(map_features, row, 0, 4)
+                ask_for(products, run, row, 1)
         image, run = images[pose], runs[pose]
         offset = offsets[run]
-        # every line of memory is asked for at once, so that waiting for one is waiting for all
-        for entry in range(0, whiteners.shape[1], LINE):
-            touched += whiteners[image, entry] + grams[image, entry]
         for j in range(k):
             row = neighbours[image, j]
             across[j] = covariance(spatial, variance, features[pose], map_features[row])
@@ -110,7 +148,6 @@ def gram_residuals(  # type: ignore[no-untyped-def]
         distance = norms[run] - 2 * linear + quadratic
         squared[pose] = 0.0 if distance < 0 else distance  # rounding; nan stays nan
         explained[pose] = length
-    return touched
 
 
 @compiled
@@ -142,12 +179,28 @@ def interpolation_weights(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def mean_products(weights, neighbours, products, offsets, out):  # type: ignore[no-untyped-def]
-    """``out[r, i] = sum_j weights[i, j] (products[r, neighbours[i, j]] - offsets[r])``."""
+def mean_scores(  # type: ignore[no-untyped-def]
+    weights, neighbours, products, offsets, norms, levels, slopes, out
+):
+    r"""``out[r, i] = levels[i] + slopes[i] (2 m_ri - norms[r])`` with the product m of a run's and a predicted mean.
+
+    .. math:: m_{ri} = \sum_j \mathrm{weights}_{ij} \, (\mathrm{products}_{r, N(i, j)} - \mathrm{offsets}_r)
+
+    which is summed in float32, in which the products are given: twice as many go into one instruction.
+    """
     for run in range(len(products)):
-        row, offset = products[run], offsets[run]
+        row, offset, norm = products[run], np.float32(offsets[run]), norms[run]
         for image in range(len(neighbours)):
-            total = 0.0
-            for j in range(neighbours.shape[1]):
-                total += weights[image, j] * (row[neighbours[image, j]] - offset)
-            out[run, image] = total
+            shares, near = weights[image], neighbours[image]
+            total = np.float32(0)
+            for j in range(len(near)):
+                total += shares[j] * (row[np.uint32(near[j])] - offset)  # unsigned: no test for indices from the end
+            out[run, image] = levels[image] + slopes[image] * (2 * np.float64(total) - norm)
+
+
+@compiled
+def image_scores(products, constants, levels, slopes, out):  # type: ignore[no-untyped-def]
+    """``out[r, i] = levels[i] + slopes[i] (2 products[r, i] - constants[r])`` in one pass."""
+    for run in range(len(products)):
+        for image in range(len(levels)):
+            out[run, image] = levels[image] + slopes[image] * (2 * np.float64(products[run, image]) - constants[run])

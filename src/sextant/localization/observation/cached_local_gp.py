@@ -207,21 +207,24 @@ class CachedEvidence(Evidence):
 
     def over_map(self) -> Float64[Tensor, "r n"]:
         """See :class:`Evidence`; see ``map_evidence`` of the model."""
-        model, caches = self.model, self.model.caches
-        if model.map_evidence == "image":
-            products = torch.from_numpy(self.products).double()
-        else:
-            products = torch.empty(self.products.shape, dtype=torch.float64)
-            machine.mean_products(
-                caches.weights, caches.neighbours, self.products, self.offsets.numpy(), products.numpy()
-            )
-            products += self.offsets[:, None]
-        constants = self.norms + 2 * self.offsets
+        model = self.model
         if self.likelihood.form == "student":
-            squared = (constants[:, None] + torch.from_numpy(model._map_norms) - 2 * products).clamp_min(0)
-            return self.likelihood.log_prob(squared, torch.from_numpy(caches.variances), model.map.dimension)
+            squared = self._over_map(model._map_norms, np.full(len(model.map), -1.0)).clamp_min_(0)
+            return self.likelihood.log_prob(squared, torch.from_numpy(model.caches.variances), model.map.dimension)
         levels, slopes = model.map_terms(self.likelihood)
-        return products.mul_(2).sub_(constants[:, None]).mul_(slopes).add_(levels)
+        return self._over_map(levels.numpy(), slopes.numpy())
+
+    def _over_map(self, levels: Float64[ndarray, " n"], slopes: Float64[ndarray, " n"]) -> Float64[Tensor, "r n"]:
+        r""":math:`\mathrm{level} + \mathrm{slope}\,(2 z_c^T m - \|z_c\|^2)`, m the image or what is predicted there."""
+        caches, norms, offsets = self.model.caches, self.norms.numpy(), self.offsets.numpy()
+        scores = np.empty(self.products.shape)
+        if self.model.map_evidence == "image":
+            machine.image_scores(self.products, norms + 2 * offsets, levels, slopes, scores)
+        else:
+            machine.mean_scores(
+                caches.weights, caches.neighbours, self.products, offsets, norms, levels, slopes, scores
+            )
+        return torch.from_numpy(scores)
 
 
 def _products(rows: Float32[ndarray, "n d"], centred: Float32[ndarray, "r d"]) -> Float32[ndarray, "r n"]:

@@ -1,0 +1,219 @@
+"""A map in files, larger than the memory it is localized with: what stays resident.
+
+The map's descriptors are written and its neighbourhoods prepared in one process, and it is localized in another, so
+that each one's memory is its own. Images are in :func:`~sextant.localization.spatial_order.spatial_order`, and a filter
+that knows about where it is asks only the tiles of the file that its particles' neighbourhoods lie in. *Anonymous*
+memory cannot be given back; *mapped* pages are the files', which the system drops when memory is short: while the
+map is made they are dropped whenever they exceed a budget, which shows that nothing needs more of them at a time.
+"""
+
+import ctypes
+import json
+import mmap
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+
+from benchmarks.localization import DIMENSION, KERNEL, LIKELIHOOD, city_poses, smooth
+from sextant.geometry.planar import se2_between
+from sextant.localization.descriptor_map import DescriptorMap
+from sextant.localization.estimate import estimate
+from sextant.localization.initialisation import UniformStart
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.motion import ExponentialMotion
+from sextant.localization.observation.cached_local_gp import CachedEvidence, CachedLocalGP
+from sextant.localization.particle_filter import FilterState, ParticleFilter
+from sextant.localization.recovery import NoRecovery
+from sextant.localization.resampling import SystematicResampling
+from sextant.localization.spatial_order import spatial_order
+
+IMAGES, NEIGHBOURS, BLOCK = 1_000_000, 8, 16_384
+#: Images that are read together, 2 MiB of descriptors.
+TILE = 4096
+#: Mapped pages at most while the map is made, MB; particles and steps of the filter.
+BUDGET_MB, PARTICLES, STEPS = 128, 1000, 100
+
+
+def show_mapped(folder: Path, images: int, console: Console) -> None:
+    """Make the map in one process, localize in it in another, and tell what they needed."""
+    for stage in ("make", "localize"):
+        done = subprocess.run(
+            [sys.executable, "-m", "benchmarks.mapped_map", stage, str(folder), str(images)],
+            check=True, capture_output=True, text=True,
+        )  # fmt: skip
+        console.print(f"{stage}: {done.stdout.strip()}", highlight=False)
+
+
+# -- making it ---------------------------------------------------------------------------------------------------------
+
+
+def make(folder: Path, images: int) -> dict[str, float]:
+    """Write descriptors in blocks and prepare all neighbourhoods, both in files."""
+    began, before = time.perf_counter(), memory(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    poses = city_poses(images)
+    poses = poses[spatial_order(poses)]
+    np.save(folder / "poses.npy", poses.numpy())
+    random = np.random.default_rng(0)
+    written = np.lib.format.open_memmap(
+        folder / "descriptors.npy", mode="w+", dtype=np.float32, shape=(images, DIMENSION)
+    )
+    waves = smooth(random)
+    peak, total = before, torch.zeros(DIMENSION, dtype=torch.float64)
+    for start in range(0, images, BLOCK):
+        block = waves(poses[start : start + BLOCK])
+        total += block.sum(dim=0, dtype=torch.float64)
+        written[start : start + BLOCK] = block.numpy()
+        peak = watched(peak, folder)
+    written.flush()
+    del written
+    np.save(folder / "mean.npy", (total / images).float().numpy())
+    seen, model = open_map(folder), CachedLocalGP(NEIGHBOURS)
+    described = time.perf_counter() - began
+
+    def progress(done: int, of: int) -> None:
+        nonlocal peak
+        peak = watched(peak, folder)
+
+    model.fit(seen, KERNEL, folder / "caches", progress)
+    files = sum(path.stat().st_size for path in folder.rglob("*.npy"))
+    return {
+        "files MB": files / 1e6,
+        "anonymous MB, peak growth": peak["anonymous"] - before["anonymous"],
+        "mapped MB, peak": peak["mapped"],
+        "described s": described,
+        "prepared s": time.perf_counter() - began - described,
+    }
+
+
+def open_map(folder: Path) -> DescriptorMap:
+    """The map with its descriptors mapped; they were made here, so they are not looked through for what is wrong."""
+    poses, mean = (torch.from_numpy(np.load(folder / f"{name}.npy", allow_pickle=False)) for name in ("poses", "mean"))
+    return DescriptorMap(poses, _mapped(folder / "descriptors.npy"), mean)
+
+
+def _mapped(path: Path) -> torch.Tensor:
+    return torch.from_numpy(np.load(path, mmap_mode="c", allow_pickle=False))
+
+
+# -- localizing in it --------------------------------------------------------------------------------------------------
+
+
+class TiledEvidence(CachedEvidence):
+    """An observation compared only with the tiles of the map that poses ask for: no evidence over the map."""
+
+    def __init__(self, model: CachedLocalGP, descriptor: torch.Tensor, likelihood: Likelihood):
+        self.model, self.likelihood = model, likelihood
+        self.centred = descriptor - model.map.mean
+        self.offsets = self.centred.double() @ model.map.mean.double()
+        self.norms = self.centred.double().square().sum(dim=1)
+        self.products = np.empty((1, len(model.map)), np.float32)
+        self.known: set[int] = set()
+
+    def log_likelihood(self, poses: torch.Tensor) -> torch.Tensor:
+        """Read the tiles that are not known yet, then as for any."""
+        images, _ = self.model._near(poses.reshape(-1, 3))
+        rows = self.model.caches.neighbours[np.unique(images.numpy())]
+        for tile in set(np.unique(rows // TILE).tolist()) - self.known:
+            some = slice(tile * TILE, (tile + 1) * TILE)
+            self.products[0, some] = self.model.map.descriptors[some].numpy() @ self.centred[0].numpy()
+            self.known.add(tile)
+        return super().log_likelihood(poses)
+
+
+def localize(folder: Path, images: int) -> dict[str, float]:
+    """Follow a street from about where it begins."""
+    before = memory(folder)
+    seen = open_map(folder)
+    poses = seen.poses
+    state = {path.stem: _mapped(path) for path in (folder / "caches").glob("*.npy")}
+    model = CachedLocalGP(NEIGHBOURS).load_state(seen, KERNEL, state)
+    opened = memory(folder)
+
+    random, generator = np.random.default_rng(1), torch.Generator().manual_seed(0)
+    truth = _street(poses)
+    waves = smooth(np.random.default_rng(0))
+    images_seen = waves(truth) + torch.from_numpy(random.normal(0, 0.02, (STEPS, DIMENSION)).astype(np.float32))
+    motion = se2_between(truth[:-1], truth[1:])
+    start = MapPrior(truth[:1], 5.0, 0.2)
+    particle_filter = ParticleFilter(ExponentialMotion((0.2, 0.1, 0.02)), SystematicResampling(), NoRecovery(), start)
+    state_now: FilterState = particle_filter.start(UniformStart(), 1, PARTICLES, generator)
+    errors, seconds, tiles, peak = [], [], set(), opened
+    for step in range(STEPS):
+        began = time.perf_counter()
+        evidence = TiledEvidence(model, images_seen[step : step + 1], LIKELIHOOD)
+        moved = motion[step - 1 : step] if step else None
+        state_now, _ = particle_filter.step(state_now, moved, evidence, None, generator)
+        found = estimate(state_now.belief, 5.0)
+        seconds.append(time.perf_counter() - began)
+        errors.append(float((found.pose[0, :2] - truth[step, :2]).norm()))
+        tiles |= evidence.known
+        peak = {name: max(peak[name], value) for name, value in memory(folder).items()}
+    whole = model.observe(images_seen[-1:], LIKELIHOOD).log_likelihood(state_now.belief.poses)
+    apart = (whole - evidence.log_likelihood(state_now.belief.poses)).abs().max()
+    return {
+        "error m, median": float(np.median(errors)),
+        "error m, greatest after 10 steps": float(np.max(errors[10:])),
+        "ms a step, median": 1e3 * float(np.median(seconds)),
+        "tiles read": float(len(tiles)),
+        "of": float(-(-len(poses) // TILE)),
+        "anonymous MB, opened": opened["anonymous"] - before["anonymous"],
+        "anonymous MB, peak growth": peak["anonymous"] - before["anonymous"],
+        "mapped MB, opened": opened["mapped"],
+        "mapped MB, peak": peak["mapped"],
+        "nats apart from the whole product": float(apart),
+    }
+
+
+def _street(poses: torch.Tensor) -> torch.Tensor:
+    """Poses two metres apart eastwards along a street in the middle of the city."""
+    middle = poses[:, :2].median(0).values
+    start = torch.round(middle / 80.0) * 80.0
+    along = 2.0 * torch.arange(STEPS, dtype=torch.float64)
+    return torch.stack([start[0] + along, start[1].expand(STEPS), torch.zeros(STEPS, dtype=torch.float64)], dim=1)
+
+
+# -- memory ------------------------------------------------------------------------------------------------------------
+
+
+def memory(folder: Path) -> dict[str, float]:
+    """Resident now, MB: what cannot be given back, and pages of the folder's files."""
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    mapped, of_the_map = 0, False
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        first = line.split(" ", 1)[0]
+        if not first.endswith(":"):  # the head of a mapping
+            of_the_map = line.endswith(".npy") and str(folder.resolve()) in line
+        elif of_the_map and first == "Rss:":
+            mapped += int(line.split()[1])
+    return {"anonymous": int(status["RssAnon"].split()[0]) * 1024 / 1e6, "mapped": mapped * 1024 / 1e6}
+
+
+def watched(peak: dict[str, float], folder: Path) -> dict[str, float]:
+    """The peak so far; mapped pages of the folder's files are dropped if they are more than the budget."""
+    now = memory(folder)
+    if now["mapped"] > BUDGET_MB:
+        drop_mapped(folder)
+    return {name: max(peak[name], value) for name, value in now.items()}
+
+
+def drop_mapped(folder: Path) -> None:
+    """What the system does when memory is short: forget the pages of this process, which stay in their files."""
+    advise = ctypes.CDLL(None, use_errno=True).madvise
+    advise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        if str(folder.resolve()) in line:
+            first, last = (int(address, 16) for address in line.split()[0].split("-"))
+            advise(first, last - first, mmap.MADV_DONTNEED)
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    stage = {"make": make, "localize": localize}[sys.argv[1]]
+    print(json.dumps({name: round(value, 3) for name, value in stage(Path(sys.argv[2]), int(sys.argv[3])).items()}))

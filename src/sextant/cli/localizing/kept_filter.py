@@ -1,0 +1,68 @@
+"""The settings of a filter as plain values, and back; only classes of Sextant are made of what a file names."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from types import ModuleType
+from typing import Any
+
+from sextant.errors import UserError
+from sextant.localization import motion, recovery, resampling
+from sextant.localization.kld_size import KLDSize
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.motion import MotionModel
+from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.recovery import Recovery
+
+PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
+
+
+def filter_values(filter: ParticleFilter) -> dict[str, Any]:
+    """What a filter is made of, but for the poses of its prior. A part of the user's own becomes None."""
+    values: dict[str, Any] = {name: _part(getattr(filter, name), package) for name, package in PACKAGES.items()}
+    kld = None if filter.kld is None else asdict(filter.kld)
+    return values | {"ess_threshold": filter.ess_threshold, "kld": kld, "spread": list(filter.prior.sigmas)}
+
+
+def filter_of(
+    values: Mapping[str, Any], poses: Any, *, motion: MotionModel | None = None, recovery: Recovery | None = None
+) -> ParticleFilter:
+    """A filter from its values.
+
+    Args:
+        values: what :func:`filter_values` gave.
+        poses: of the map.
+        motion, recovery: in place of what the values tell.
+
+    Raises:
+        UserError: a part was one of the user's own, and none is given for it.
+        KeyError, TypeError, ValueError: the values are damaged.
+    """
+    along, across, heading = (float(sigma) for sigma in values["spread"])
+    return ParticleFilter(
+        motion or _made(values, "motion"),
+        _made(values, "resampling"),
+        recovery or _made(values, "recovery"),
+        MapPrior(poses, (along, across), heading),
+        ess_threshold=float(values["ess_threshold"]),
+        kld=None if values["kld"] is None else KLDSize(**values["kld"]),
+    )
+
+
+def _part(part: Any, package: ModuleType) -> dict[str, Any] | None:
+    name = type(part).__name__
+    if name not in package.__all__ or getattr(package, name) is not type(part):
+        return None
+    return {"class": name, "arguments": asdict(part) if is_dataclass(part) and not isinstance(part, type) else {}}
+
+
+def _made(values: Mapping[str, Any], name: str) -> Any:
+    node, package = values[name], PACKAGES[name]
+    if node is None:
+        raise UserError(
+            f"the map was saved with a {name} model of the user's own, which no file can bring back",
+            f"Give one: Localizer.load(folder, {name}=...)",
+        )
+    if node["class"] not in package.__all__:
+        raise ValueError(f"it names the {name} {node['class']!r}, which is none")
+    arguments = {key: tuple(value) if isinstance(value, list) else value for key, value in node["arguments"].items()}
+    return getattr(package, node["class"])(**arguments)

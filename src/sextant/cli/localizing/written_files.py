@@ -1,0 +1,104 @@
+"""What localizing writes: a trajectory, a table, a picture and an animation."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.atomic_files import write_atomically
+from sextant.data.localization.pose_formats import write_tum
+from sextant.figures.particle_map import ESTIMATE, ParticleFrame, draw_map, map_height
+from sextant.figures.particle_replay import particle_replay
+from sextant.figures.style import new_figure, save_figure
+from sextant.localization.belief import Belief
+from sextant.localizer import LocalizedPose
+
+COLUMNS = (
+    "file", "x", "y", "heading_deg", "sigma_x", "sigma_y", "sigma_heading_deg", "mass", "modes", "lost", "error",
+)  # fmt: skip
+#: of an animation; of a longer run every second frame is shown, or every fourth, ...
+MOST_FRAMES = 600
+LOST = "#a02020"
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One image and what was told of it."""
+
+    name: str
+    told: LocalizedPose
+    problem: str = ""
+
+
+@dataclass
+class Replay:
+    """Particles of at most so many steps, evenly taken, however long the run is."""
+
+    kept: list[tuple[int, ndarray, ndarray]] = field(default_factory=list)
+    stride: int = 1
+
+    def add(self, step: int, belief: Belief) -> None:
+        """Note the particles of a step."""
+        if step % self.stride:
+            return
+        poses, weights = belief.poses[0].numpy(), belief.log_weights[0].numpy()
+        self.kept.append((step, poses.astype(np.float32), weights.astype(np.float32)))
+        if len(self.kept) > MOST_FRAMES:
+            self.stride *= 2
+            self.kept = [frame for frame in self.kept if frame[0] % self.stride == 0]
+
+    def write(self, rows: Sequence[Row], positions: Float64[ndarray, "n 2"], path: Path) -> None:
+        """Write the animation.
+
+        Raises:
+            UserError: OpenCV cannot write MP4 here.
+        """
+        frames = (
+            ParticleFrame(
+                poses.astype(np.float64),
+                np.maximum(weights.astype(np.float64), -1e6),
+                None if rows[step].told.lost else rows[step].told.pose,
+                title=f"{rows[step].name}{', lost' if rows[step].told.lost else ''}"
+                f"{f', {rows[step].problem}' if rows[step].problem else ''}",
+            )
+            for step, poses, weights in self.kept
+        )
+        particle_replay(positions, frames, path)
+
+
+def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Path) -> None:
+    """``poses.csv`` and ``trajectory.tum``, a row an image."""
+    table = io.StringIO()
+    writer = csv.DictWriter(table, COLUMNS)
+    writer.writeheader()
+    for row in rows:
+        told, (sx, sy, sh) = row.told, row.told.sigmas.tolist()
+        x, y, heading = told.pose.tolist()
+        values = (x, y, np.degrees(heading), sx, sy, np.degrees(sh), told.mass)
+        named = dict(zip(COLUMNS[1:8], (f"{value:.6f}" for value in values), strict=True))
+        lost = str(told.lost).lower()
+        writer.writerow({"file": row.name, **named, "modes": told.modes, "lost": lost, "error": row.problem})
+    write_atomically(output / "poses.csv", lambda file: file.write(table.getvalue().encode()))
+    write_tum(output / "trajectory.tum", times_s, np.stack([row.told.pose for row in rows]))
+
+
+def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], output: Path) -> None:
+    """``trajectory.png``: the way over the map; where the localizer says that it is lost, dots without a line."""
+    figure, (axes,) = new_figure(6.0, map_height(positions, 6.0))
+    draw_map(axes, positions)
+    figure.legends.clear()
+    way = np.stack([row.told.pose[:2] for row in rows])
+    lost = np.array([row.told.lost for row in rows])
+    known = np.where(lost[:, None], np.nan, way)
+    axes.plot(known[:, 0], known[:, 1], "-", color=ESTIMATE, linewidth=1.4, marker=".", markersize=3, label="localized")
+    if lost.any():
+        axes.plot(way[lost, 0], way[lost, 1], "x", color=LOST, markersize=4, label=f"lost ({int(lost.sum()):,} images)")
+    if (found := np.flatnonzero(~lost)).size:
+        axes.plot(*way[found[0]], "o", color=ESTIMATE, markeredgecolor="white", markersize=7, label="first")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=7)
+    save_figure(figure, output, "trajectory")
