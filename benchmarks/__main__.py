@@ -11,7 +11,7 @@ from benchmarks.machine import describe_machine
 NAMES = (
     *("start_up", "training_loop", "skip_cell", "worlds", "crops", "photos"),
     *("push_pull", "corruptions", "retrieval", "describe"),
-    *("local_gp", "particle_filter"),
+    *("local_gp", "particle_filter", "localization"),
 )
 
 

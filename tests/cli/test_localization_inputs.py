@@ -9,8 +9,9 @@ from tiny_office import office_arguments, office_cache
 
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.console import reporting_mistakes
-from sextant.cli.execute import execute
+from sextant.cli.execute import execute, run_digest
 from sextant.cli.train import preflight
+from sextant.config import validate
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.localization import Localization
 
@@ -258,6 +259,23 @@ def test_vectors_that_are_pickled_objects_are_not_unpickled(folder, told):
     chosen = vectors(folder, {})
     np.save(folder.parent / "vectors" / "run.npy", np.array([{}] * 22, object), allow_pickle=True)
     assert "run.npy cannot be read" in told(arguments(folder, *chosen))
+
+
+def test_the_digest_follows_what_a_descriptor_is_and_not_where_it_lies(tmp_path):
+    def digest(kind, place):
+        key = {"run": "descriptor.run", "files": "descriptor.folder"}[kind]
+        return run_digest(validate(to_plain(compose(["task=localization", f"descriptor={kind}", f"{key}={place}"]))))
+
+    for place, content in (("here", b"weights"), ("there/deep", b"weights"), ("other", b"other weights")):
+        folder = tmp_path / place
+        (folder / "run1").mkdir(parents=True)
+        (folder / "model.ckpt").write_bytes(content)
+        np.save(folder / "map.npy", np.ones((4, 3), np.float32))
+        np.save(folder / "run1" / "night.npy", np.full((4, 3), len(content), np.float32))
+    for kind, file in (("run", "model.ckpt"), ("files", "")):
+        here, there, other = (digest(kind, tmp_path / place / file) for place in ("here", "there/deep", "other"))
+        assert here == there
+        assert here != other
 
 
 def test_a_run_that_gives_no_descriptor(folder, told):

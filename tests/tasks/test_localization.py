@@ -219,8 +219,7 @@ def test_training_goes_on_from_the_weights_of_another_run(usual, run):
     assert logged(found, "train/loss")[0] < logged(usual, "train/loss")[2]
 
 
-def test_a_trained_localizer_is_tested_with_another_fault(usual, cache, outputs, monkeypatch):
-    monkeypatch.setattr(evaluate, "FREE", {*evaluate.FREE, "fault"})
+def test_a_trained_localizer_is_tested_with_another_fault(usual, cache, outputs):
     places = (f"paths.outputs={outputs}", f"paths.cache={cache}", "tracking=none")
     evaluate.main([f"run={usual.path}", "fault=kidnap", "fault.distance=2.0", *places])
     (path,) = outputs.glob("runs/evaluation/*/metrics.json")

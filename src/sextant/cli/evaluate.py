@@ -24,7 +24,10 @@ USAGE = (
     "[dataset=..] [corruption=..] [key=value ..]"
 )
 #: What may differ from training; the rest belongs to the weights.
-FREE = ("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse")
+FREE = (
+    *("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse"),
+    *("fault", "faults", "recovery", "motion", "filter"),  # how a robot is localized, in the map that was trained
+)
 
 
 def main(arguments: Sequence[str]) -> None:

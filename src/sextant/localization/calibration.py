@@ -49,7 +49,7 @@ def error_whitening(errors: Float[Tensor, "v d"], shrinkage: float = SHRINKAGE) 
         raise ValueError("there are no errors to whiten")
     shrunk = (1 - shrinkage) * covariance + shrinkage * mean * torch.eye(len(covariance), dtype=rows.dtype)
     values, vectors = torch.linalg.eigh(shrunk)
-    return (vectors * (mean / values).sqrt()) @ vectors.mT
+    return torch.mm(vectors * (mean / values).sqrt(), vectors.mT)
 
 
 def appearance_noise(squared: Float[Tensor, " v"], variance: Float[Tensor, " v"], dimension: int) -> float:

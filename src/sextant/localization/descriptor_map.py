@@ -71,7 +71,7 @@ class DescriptorMap:
             _refuse(
                 repeated,
                 "poses that an earlier image has too (same x, y and heading)",
-                "Leave these images out, or merge them (task.merge_duplicates=true keeps one with their mean descriptor).",
+                "Leave these images out, or keep one with their mean descriptor: task.merge_duplicates=true",
             )
         return cls(poses, descriptors, _mean(descriptors))
 

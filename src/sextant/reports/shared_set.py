@@ -54,7 +54,7 @@ def shared_set(protocols: Sequence[Mapping[str, Any] | None], conditions: Sequen
         protocols: of each tested run; None for conditions of one's own.
         conditions: keys of each run's conditions, in the order of the test.
     """
-    known = [(str(protocol["set"]), _description(protocol)) for protocol in protocols if protocol]
+    known = [(str(protocol["set"]), _description(protocol)) for protocol in protocols if protocol and "set" in protocol]
     if not known or len(known) < len(protocols):
         return None
     shared = [key for key in conditions[0] if all(key in keys for keys in conditions)]

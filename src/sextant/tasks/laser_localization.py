@@ -37,6 +37,7 @@ class LaserLocalization(pl.LightningModule):
     """
 
     monitor, monitor_mode = "val/place_nll", "min"
+    fitted: Tensor
 
     def __init__(
         self,
@@ -111,6 +112,8 @@ class LaserLocalization(pl.LightningModule):
 
     def converged(self, validation: dict[str, float]) -> bool:
         """As for images."""
+        if self.tempering is not None:
+            return True
         return validation["val/place_nll"] < validation["val/place_nll_uniform"]
 
     @property

@@ -71,6 +71,8 @@ class Localization(pl.LightningModule):
     """
 
     monitor, monitor_mode = "val/place_nll", "min"
+    whitener: Tensor
+    fitted: Tensor
 
     def __init__(
         self,
@@ -255,7 +257,12 @@ class Localization(pl.LightningModule):
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
-        """Whether the calibrated posterior knows more of the validation drives than that they are in the map."""
+        """Whether the calibrated posterior knows more of the validation drives than that they are in the map.
+
+        A tempering that was given is the user's to judge: a likelihood that is too sharp may still localize.
+        """
+        if not self.calibration.fit_tempering:
+            return True
         return validation["val/place_nll"] < validation["val/place_nll_uniform"]
 
     @property
@@ -274,4 +281,4 @@ def _validation_map(data: LocalizationDataModule) -> Drive:
 
 def as_tensor(rows: Float32[ndarray, "n d"]) -> Float32[Tensor, "n d"]:
     """A tensor of rows that may be a read-only map of a file: not copied, and not written to."""
-    return torch.from_numpy(rows) if rows.flags.writeable else torch.from_dlpack(np.asarray(rows))
+    return torch.from_numpy(rows) if rows.flags.writeable else torch.utils.dlpack.from_dlpack(rows)

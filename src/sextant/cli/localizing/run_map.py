@@ -52,7 +52,7 @@ def run_localizer(
         kld=settings.kld,  # type: ignore[arg-type]
     )
     kept = _kept(data, raw, outputs)
-    whitener: Tensor = module.whitener  # type: ignore[assignment]  # a buffer
+    whitener: Tensor = module.whitener
     descriptor = replace(kept, whitener=whitener if len(whitener) else None)
     return Localizer(
         model,

@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -74,7 +74,7 @@ class DescribedDrives:
         path = self.cache / f"descriptors-{self._key(drive)}.npy"
         if not path.is_file():
             self._write(drive, path)
-        return np.load(path, mmap_mode="r", allow_pickle=False)
+        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
 
     def _key(self, drive: Drive) -> str:
         assert drive.images is not None
@@ -102,7 +102,8 @@ class DescribedDrives:
                 f"{path.parent}: descriptors cannot be kept there: {error}", "paths.cache=<folder>"
             ) from None
         finally:
-            partial.unlink(missing_ok=True)
+            with suppress(OSError):  # the cache may be no folder at all
+                partial.unlink(missing_ok=True)
 
     def _describe(self, images: ImageRows, path: Path, progress: Progress) -> None:
         rows: np.memmap | None = None
