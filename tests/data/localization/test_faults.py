@@ -225,7 +225,7 @@ def test_a_wrong_season_map_leaves_its_own_drive_out():
         faults.WrongSeasonMap("fog").data(data)
     with pytest.raises(UserError, match="no drive of another condition"):
         faults.WrongSeasonMap("winter").data(seasons("summer", "winter"))
-    with pytest.raises(UserError, match="it has but one"):
+    with pytest.raises(UserError, match="there is none"):
         faults.WrongSeasonMap("winter").data(replace(data, other_maps=()))
 
 

@@ -1,8 +1,8 @@
 """Descriptors of the images of a drive, worked out once and kept on disk.
 
 All runs of a sweep look at the same images with the same descriptor. A folder in the cache holds what was described,
-under a name that follows from the descriptor's identity, the dataset's fingerprint and the drive; it is written whole or
-not at all, and mapped into memory.
+under a name that follows from the descriptor's identity, the dataset's fingerprint and the drive; it is written whole
+or not at all, and mapped into memory.
 """
 
 import hashlib

@@ -1,5 +1,7 @@
 """What a fault does to drives and to the map."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sextant.data.localization.drive import Drive
@@ -44,6 +46,7 @@ class Fault:
         return map
 
 
+@dataclass(frozen=True)
 class NoFault(Fault):
     """All goes well."""
 

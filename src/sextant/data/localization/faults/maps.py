@@ -76,7 +76,7 @@ class WrongSeasonMap(Fault):
         """The data with another map."""
         others = {drive.condition: drive for drive in data.other_maps}
         if self.condition not in others:
-            there = f"there is one under {', '.join(others)}" if others else "it has none but its own"
+            there = f"there is one under {', '.join(others)}" if others else "there is none"
             raise UserError(
                 f"fault.condition={self.condition}: the dataset has no map under {self.condition}; {there}, "
                 f"beside that under {data.map.condition}",
