@@ -299,7 +299,7 @@ def test_the_descriptor_of_another_map_is_refused(corridor, tmp_path):
 
 def test_filter_parts_of_ones_own_are_asked_for(corridor, tmp_path):
     class Still(IdentityMotion):
-        pass
+        """Of one's own: its import path is not Sextant's."""
 
     corridor.localizer(motion=Still()).save(tmp_path)
     with pytest.raises(UserError, match="motion model of the user's own"):

@@ -24,9 +24,9 @@ from sextant.localization.pose_bins import PoseBins
 #: Mean-shift steps.
 SHIFTS = 2
 #: What a group of boxes must hold to count as a mode.
-MODE_MASS = 0.05
+LEAST_MODE_MASS = 0.05
 #: What a box must hold to be in a group: a mode on the corner of boxes is shared by eight of them.
-BOX_MASS = MODE_MASS / 8
+BOX_MASS = LEAST_MODE_MASS / 8
 #: Boxes of a run that are looked at, the heaviest.
 BOXES = 64
 
@@ -127,7 +127,7 @@ def _modes(near: Float64[Tensor, "r b b"], mass: Float64[Tensor, "r b"]) -> Int6
     reach = near * some[:, :, None] * some[:, None]
     for _ in range(max(1, mass.shape[1] - 1).bit_length()):
         reach = (reach @ reach > 0).double()
-    heavy = (reach @ mass[..., None])[..., 0] > MODE_MASS
+    heavy = (reach @ mass[..., None])[..., 0] > LEAST_MODE_MASS
     return (heavy * some / reach.sum(2).clamp(min=1)).sum(1).round().long()
 
 

@@ -3,7 +3,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from localization.observation.battery import LIKELIHOODS, ObservationModelBattery
+from localization.observation.battery import LIKELIHOODS, GaussianBattery, ObservationModelBattery
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
 from sextant.errors import UserError
@@ -16,7 +16,7 @@ from sextant.localization.observation.local_gp import LocalGP
 from sextant.localization.pose_kernel import SPATIAL, PoseKernel
 
 
-class TestCachedLocalGPPassesTheBattery(ObservationModelBattery):
+class TestCachedLocalGPPassesTheBattery(GaussianBattery):
     mean_tolerance = 0.25
     nll_tolerance = 0.35
     map_is_exact = False
@@ -25,7 +25,7 @@ class TestCachedLocalGPPassesTheBattery(ObservationModelBattery):
         return CachedLocalGP(neighbours=16)
 
 
-class TestCachedLocalGPWithTheMeanOverTheMapPassesTheBattery(ObservationModelBattery):
+class TestCachedLocalGPWithTheMeanOverTheMapPassesTheBattery(GaussianBattery):
     mean_tolerance = 0.25
     nll_tolerance = 0.35
 
@@ -36,7 +36,7 @@ class TestCachedLocalGPWithTheMeanOverTheMapPassesTheBattery(ObservationModelBat
 class TestBlendedCachedLocalGPPassesTheBattery(ObservationModelBattery):
     mean_tolerance = 0.2
     nll_tolerance = 0.3
-    map_is_exact = gaussian = False
+    map_is_exact = False
 
     def model(self):
         return CachedLocalGP(neighbours=16, blend=3)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from localization.observation.battery import ObservationModelBattery
+from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_map
 from scipy.stats import multivariate_normal
 
@@ -11,7 +11,7 @@ from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.pose_kernel import PoseKernel
 
 
-class TestExactGPPassesTheBattery(ObservationModelBattery):
+class TestExactGPPassesTheBattery(GaussianBattery):
     mean_tolerance = nll_tolerance = 0.0
 
     def model(self):

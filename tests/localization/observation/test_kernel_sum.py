@@ -16,7 +16,6 @@ from sextant.localization.observation.kernel_sum import KernelSum
 
 class TestKernelSumPassesTheBattery(ObservationModelBattery):
     mean_tolerance, nll_tolerance = 0.5, 1.1  # it knows nothing of the kernel
-    gaussian = False
 
     def model(self):
         return KernelSum(heading_weight=1.0)

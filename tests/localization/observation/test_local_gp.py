@@ -1,6 +1,6 @@
 import pytest
 import torch
-from localization.observation.battery import ObservationModelBattery
+from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_map
 
 from sextant.errors import UserError
@@ -8,7 +8,7 @@ from sextant.localization.observation.exact_gp import ExactGP
 from sextant.localization.observation.local_gp import LocalGP
 
 
-class TestLocalGPPassesTheBattery(ObservationModelBattery):
+class TestLocalGPPassesTheBattery(GaussianBattery):
     mean_tolerance = 0.15
     nll_tolerance = 0.25
 
@@ -16,7 +16,7 @@ class TestLocalGPPassesTheBattery(ObservationModelBattery):
         return LocalGP(neighbours=16)
 
 
-class TestLocalGPOfTheNearestImagePassesTheBattery(ObservationModelBattery):
+class TestLocalGPOfTheNearestImagePassesTheBattery(GaussianBattery):
     mean_tolerance = 0.25
     nll_tolerance = 0.35
 

@@ -1,6 +1,6 @@
 import pytest
 import torch
-from localization.observation.battery import ObservationModelBattery
+from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_map
 
 from sextant.errors import UserError
@@ -9,7 +9,7 @@ from sextant.localization.observation.random_features import RandomFeatures, spe
 from sextant.localization.pose_kernel import PoseKernel
 
 
-class TestRandomFeaturesPassTheBattery(ObservationModelBattery):
+class TestRandomFeaturesPassTheBattery(GaussianBattery):
     mean_tolerance, nll_tolerance = 0.1, 0.06
 
     def model(self):

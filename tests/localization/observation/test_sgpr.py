@@ -2,7 +2,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from localization.observation.battery import ObservationModelBattery
+from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
 from sextant.errors import UserError
@@ -12,7 +12,7 @@ from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.pose_kernel import PoseKernel
 
 
-class TestSGPRPassesTheBattery(ObservationModelBattery):
+class TestSGPRPassesTheBattery(GaussianBattery):
     mean_tolerance, nll_tolerance = 0.08, 0.06
 
     def model(self):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from localization.observation.battery import ObservationModelBattery
+from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
 from sextant.errors import UserError
@@ -12,7 +12,7 @@ from sextant.localization.observation.ski import SKI
 from sextant.localization.pose_kernel import PoseKernel
 
 
-class TestSKIPassesTheBattery(ObservationModelBattery):
+class TestSKIPassesTheBattery(GaussianBattery):
     mean_tolerance, nll_tolerance = 0.03, 0.02
 
     def model(self):

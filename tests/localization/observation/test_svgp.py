@@ -1,6 +1,6 @@
 import pytest
 import torch
-from localization.observation.battery import ObservationModelBattery
+from localization.observation.battery import GaussianBattery
 from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_map
 
 from sextant.errors import UserError
@@ -9,7 +9,7 @@ from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.observation.svgp import SVGP
 
 
-class TestSVGPPassesTheBattery(ObservationModelBattery):
+class TestSVGPPassesTheBattery(GaussianBattery):
     mean_tolerance, nll_tolerance = 0.08, 0.06
 
     def model(self):

@@ -39,7 +39,7 @@ def _ask_for(context, address):  # type: ignore[no-untyped-def]
         ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
         to_read, keep, data = (number(value) for value in (0, 3, 1))
         builder.call(ask, [builder.inttoptr(arguments[0], pointer), to_read, keep, data])
-        return context.get_dummy_value()
+        return context.get_dummy_value()  # what Numba calls the value of a function that returns nothing
 
     return types.void(types.uintp), emit
 
