@@ -15,9 +15,9 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from sextant.compiled import compiled
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
 from sextant.corruptions.eight_bit import to_bytes
-from sextant.corruptions.filtering.compiled import compiled
 from sextant.corruptions.filtering.gaussian_filter import gaussian_filter
 
 

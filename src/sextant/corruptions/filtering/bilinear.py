@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from sextant.compiled import compiled
 from sextant.corruptions.filtering.border import Border, inside
-from sextant.corruptions.filtering.compiled import compiled
 
 _NEAREST, _REFLECT, _MIRROR, _ZERO = 0, 1, 2, 3
 _KINDS: dict[Border, int] = {"nearest": _NEAREST, "reflect": _REFLECT, "mirror": _MIRROR, "zero": _ZERO}

@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from sextant.compiled import compiled
 from sextant.corruptions.filtering.border import Border, inside
-from sextant.corruptions.filtering.compiled import compiled
 
 
 def shifted_sum(

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from sextant.corruptions.filtering.compiled import compiled
+from sextant.compiled import compiled
 
 
 def plasma(

@@ -24,7 +24,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.localization.laser.compiled import compiled
+from sextant.compiled import compiled
 from sextant.localization.laser.scan_evidence import ScanEvidence, chosen_beams, chosen_ranges
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import UNKNOWN, OccupancyGrid

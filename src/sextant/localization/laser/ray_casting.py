@@ -15,7 +15,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from scipy import ndimage
 
-from sextant.localization.laser.compiled import compiled
+from sextant.compiled import compiled
 from sextant.worlds.occupancy import FREE, OccupancyGrid
 
 

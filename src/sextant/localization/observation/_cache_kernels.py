@@ -4,13 +4,14 @@ Lower triangles are packed row by row: entry (i, j <= i) is at ``i (i + 1) / 2 +
 """
 
 import math
-from typing import Any
+from functools import partial
 
-import numba
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+
+from sextant.compiled import compiled as machine_code
 
 RBF, MATERN32, MATERN52 = 0, 1, 2
 #: Of a line of memory.
@@ -19,13 +20,8 @@ BYTES = 64
 AHEAD = 4
 
 
-def compiled(function: Any) -> Any:
-    """``function`` as machine code without the interpreter's lock, kept on disk where that is possible."""
-    options: Any = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz"}}
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # nowhere to keep it: compile in every process
-        return numba.njit(**options)(function)
+#: sums may be reordered: several at a time are faster
+compiled = partial(machine_code, fastmath={"contract", "reassoc", "nsz"})
 
 
 @intrinsic
