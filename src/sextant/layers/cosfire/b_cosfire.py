@@ -1,0 +1,58 @@
+r"""B-COSFIRE: vessels, cracks, roads - anything that is a bar - by one filter for bars and one for their ends.
+
+.. math:: R = R_{\text{symmetric}} + R_{\text{asymmetric}}, \qquad
+    \text{vessel where } 255\,\frac{R - \min R}{\max R - \min R} > t
+
+Source: G. Azzopardi, N. Strisciuglio, M. Vento, N. Petkov, "Trainable COSFIRE filters for vessel delineation with
+application to retinal images", Medical Image Analysis 19, 2015.
+"""
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from sextant.layers.cosfire.cosfire import Cosfire
+from sextant.layers.cosfire.presets import preset
+
+
+class BCosfire(nn.Module):
+    """Both filters, configured from a straight bar.
+
+    Args:
+        bar: symmetric filter, not configured.
+        end: the one that becomes asymmetric: of its parts those on one side of the centre are taken away.
+        bar_length: of the prototype's side, in pixels; long enough for the largest radius and its blur.
+    """
+
+    bar: Cosfire
+    end: Cosfire
+
+    def __init__(self, bar: Cosfire | None = None, end: Cosfire | None = None, bar_length: int = 201):
+        super().__init__()
+        self.bar = bar or preset("vessel_drive")
+        self.end = end or preset("vessel_end_drive")
+        prototype = torch.zeros(1, bar_length, bar_length, dtype=torch.float64)
+        prototype[:, :, bar_length // 2] = 1
+        self.bar.configure(prototype)
+        self.end.configure(prototype).keep(lambda tuples: torch.remainder(tuples.phi, 2 * torch.pi) <= torch.pi + 1e-9)
+
+    def forward(self, images: Float[Tensor, "b 1 h w"]) -> Float[Tensor, "b h w"]:
+        """R, for images in which what is looked for is bright (the retina's green channel, inverted)."""
+        return (self.bar(images) + self.end(images))[:, 0]  # type: ignore[no-any-return]
+
+    def segment(
+        self, images: Float[Tensor, "b 1 h w"], mask: Bool[Tensor, "b h w"] | None = None, threshold: float = 37.0
+    ) -> Bool[Tensor, "b h w"]:
+        """Where the response, from 0 to 255 within the image, exceeds ``threshold`` (37 DRIVE, 40 STARE, 38 CHASE_DB1).
+
+        Args:
+            mask: what lies in view; the rest counts as no response.
+        """
+        response = self(images)
+        return scaled(response if mask is None else response * mask) > threshold
+
+
+def scaled(response: Float[Tensor, "b h w"]) -> Float[Tensor, "b h w"]:
+    """Each response from 0, its least, to 255, its largest."""
+    least, most = (extreme(response, dim=(1, 2), keepdim=True) for extreme in (torch.amin, torch.amax))
+    return 255 * (response - least) / (most - least).clamp(min=torch.finfo(response.dtype).tiny)

@@ -1,0 +1,56 @@
+r"""What a COSFIRE filter looks through: maps of how strongly something simple is present at each pixel."""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sextant.layers.cosfire.tolerance import Move
+
+
+class Bank(nn.Module, ABC):
+    """A family of non-negative response maps, each named by a row of P numbers: its *channel*.
+
+    Attributes:
+        steerable: whether a channel of a moved image can be told from that of the image (:meth:`moved`). Of what
+            is not, a filter learns moved forms of its prototype from moved prototypes.
+    """
+
+    steerable: bool = False
+
+    @abstractmethod
+    def grid(self) -> Float[Tensor, "k p"]:
+        """The channels that :meth:`describe` shows."""
+
+    @abstractmethod
+    def describe(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k y x"]:
+        """What filters are configured from: a map for each channel of the grid, non-negative.
+
+        Raises:
+            ValueError: the images have another number of channels than the bank takes.
+        """
+
+    @abstractmethod
+    def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u p"]) -> Float[Tensor, "b u y x"]:
+        """A map for each of ``channels``, non-negative."""
+
+    def moved(self, channels: Float[Tensor, "n p"], move: Move) -> Float[Tensor, "n p"]:
+        """The channels that answer to a moved image as ``channels`` do to the image.
+
+        Raises:
+            NotImplementedError: the bank is not steerable.
+        """
+        raise NotImplementedError(
+            f"{type(self).__name__} does not know its channels under rotation, scale or reflection"
+        )
+
+    def options(self) -> dict[str, Any]:
+        """Arguments that build the bank anew, as plain values; empty if it holds a network."""
+        return {}
+
+
+def check_grey(images: Tensor, name: str) -> None:
+    """Raise a ``ValueError`` unless the images have one channel."""
+    if images.shape[1] != 1:
+        raise ValueError(f"{name} takes grey images (b, 1, h, w), got {images.shape[1]} channels; average them first")

@@ -1,0 +1,137 @@
+r"""Gabor filters: bars and edges of a width and a direction.
+
+.. math:: g(x, y) = e^{-(u^2 + \gamma^2 v^2) / 2\sigma^2} \cos(2\pi u / \lambda + \varphi), \quad
+    u = x\cos\theta + y\sin\theta,\; v = -x\sin\theta + y\cos\theta,\quad
+    \sigma = \frac{\lambda}{\pi}\sqrt{\frac{\ln 2}{2}}\,\frac{2^b + 1}{2^b - 1}
+
+with y upwards. Positive and negative parts are then scaled to equal weight, so that uniform brightness gives nothing.
+
+Source: N. Petkov, "Biologically motivated computationally intensive approaches to image pattern recognition", Future
+Generation Computer Systems 11, 1995; as in G. Azzopardi, N. Petkov, "Trainable COSFIRE filters for keypoint detection
+and pattern recognition", PAMI 35, 2013.
+"""
+
+import math
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from sextant.layers.cosfire.bank import Bank, check_grey
+from sextant.layers.cosfire.border import Border, padded
+from sextant.layers.cosfire.tolerance import Move
+
+
+def gabor_kernel(
+    wavelength: float,
+    theta_rad: float,
+    *,
+    phase_rad: float = math.pi,
+    bandwidth: float = 2.0,
+    aspect: float = 0.5,
+) -> Float[Tensor, "s s"]:
+    """One kernel, in float64; its side is ``2 ceil(2.5 sigma / aspect) + 1``.
+
+    Args:
+        wavelength: λ, in pixels.
+        theta_rad: θ, the direction across the bars, counter-clockwise from the x axis.
+        phase_rad: φ: 0 for bright bars, π for dark ones, ±π/2 for edges.
+        bandwidth: b, in octaves.
+        aspect: γ, below 1 for kernels longer than wide.
+    """
+    octaves = 2.0**bandwidth
+    sigma = wavelength / math.pi * math.sqrt(math.log(2) / 2) * (octaves + 1) / (octaves - 1)
+    reach = math.ceil(2.5 * sigma / aspect)
+    line = torch.arange(-reach, reach + 1, dtype=torch.float64)
+    x, y = line[None, :], -line[:, None]
+    u = x * math.cos(theta_rad) + y * math.sin(theta_rad)
+    v = -x * math.sin(theta_rad) + y * math.cos(theta_rad)
+    kernel = torch.exp(-(u**2 + (aspect * v) ** 2) / (2 * sigma**2)) * torch.cos(
+        2 * math.pi * u / wavelength + phase_rad
+    )
+    bright, dark = kernel.clamp(min=0), kernel.clamp(max=0)
+    return bright / bright.sum() - dark / dark.sum()
+
+
+class GaborBank(Bank):
+    """Half-wave rectified Gabor responses; a channel is (λ in pixels, θ in rad).
+
+    Args:
+        wavelengths: λ of the grid.
+        orientations: how many θ, evenly over ``span_deg`` from 0 on.
+        span_deg: 180 tells all directions of symmetric kernels (phase 0 or 180), edges need 360; None: what is needed.
+        phase_deg: φ.
+        bandwidth, aspect: see :func:`gabor_kernel`.
+        border: how images go on beyond their border.
+
+    Raises:
+        ValueError: no wavelength, one below 2 pixels, or no orientation.
+    """
+
+    steerable = True
+
+    def __init__(
+        self,
+        wavelengths: tuple[float, ...] = (4.0,),
+        orientations: int = 8,
+        span_deg: float | None = None,
+        phase_deg: float = 180.0,
+        bandwidth: float = 2.0,
+        aspect: float = 0.5,
+        border: Border = "replicate",
+    ):
+        super().__init__()
+        if not wavelengths or min(wavelengths) < 2 or orientations < 1:
+            raise ValueError(
+                f"Gabor filters need wavelengths of at least 2 pixels and an orientation; got {wavelengths} "
+                f"and {orientations}"
+            )
+        self.wavelengths = tuple(float(length) for length in wavelengths)
+        self.orientations, self.phase_deg = orientations, phase_deg
+        self.symmetric = phase_deg % 180 == 0
+        self.span_deg = float(span_deg if span_deg is not None else (180 if self.symmetric else 360))
+        self.bandwidth, self.aspect, self.border = bandwidth, aspect, border
+
+    def grid(self) -> Float[Tensor, "k 2"]:
+        """Every wavelength in every orientation."""
+        turns = [math.radians(self.span_deg * turn / self.orientations) for turn in range(self.orientations)]
+        return torch.tensor([[length, theta] for length in self.wavelengths for theta in turns], dtype=torch.float64)
+
+    def describe(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k h w"]:
+        """Responses of the grid; see :meth:`Bank.describe`."""
+        return self(images, self.grid())  # type: ignore[no-any-return]
+
+    def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u 2"]) -> Float[Tensor, "b u h w"]:
+        """Rectified responses; see :meth:`Bank.forward`."""
+        check_grey(images, "GaborBank")
+        wavelengths, members = torch.unique(channels[:, 0], return_inverse=True)
+        found = images.new_zeros(len(images), len(channels), *images.shape[2:])
+        for index, wavelength in enumerate(wavelengths.tolist()):
+            rows = (members == index).nonzero()[:, 0]
+            kernels = torch.stack([self._kernel(wavelength, float(theta)) for theta in channels[rows, 1]])
+            reach = kernels.shape[-1] // 2
+            kernels = kernels[:, None].to(images)
+            found[:, rows] = F.conv2d(padded(images, (reach,) * 4, self.border), kernels).clamp(min=0)
+        return found
+
+    def moved(self, channels: Float[Tensor, "n 2"], move: Move) -> Float[Tensor, "n 2"]:
+        """λ grows with the image, θ turns with it; see :meth:`Bank.moved`."""
+        theta = math.pi - channels[:, 1] if move.mirrored else channels[:, 1]
+        whole = math.pi if self.symmetric else 2 * math.pi
+        return torch.stack([channels[:, 0] * move.scale, (theta + move.rotation_rad) % whole], 1)
+
+    def options(self) -> dict[str, Any]:
+        """Arguments of the constructor."""
+        names = ("wavelengths", "orientations", "span_deg", "phase_deg", "bandwidth", "aspect", "border")
+        return {name: getattr(self, name) for name in names}
+
+    def _kernel(self, wavelength: float, theta_rad: float) -> Tensor:
+        return gabor_kernel(
+            wavelength,
+            theta_rad,
+            phase_rad=math.radians(self.phase_deg),
+            bandwidth=self.bandwidth,
+            aspect=self.aspect,
+        )

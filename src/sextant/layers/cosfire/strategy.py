@@ -1,0 +1,49 @@
+"""How the parts of a filter are found in the maps of one example."""
+
+from abc import ABC, abstractmethod
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from sextant.layers.cosfire.tuples import Tuples
+
+
+class Strategy(ABC):
+    """Finds the parts of a filter."""
+
+    @abstractmethod
+    def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:
+        """The parts about ``point`` (row and column of the maps); none where there is no structure.
+
+        Args:
+            maps: what the bank describes the example by, not negative.
+            grid: the channel of each map.
+        """
+
+
+def peaks(strength: Float[Tensor, "k y x"], point: tuple[int, int], window: int, reach: float) -> Bool[Tensor, "k y x"]:
+    """Where a map is positive and the largest of a square of ``2 window + 1``, within ``reach`` pixels of the point.
+
+    A plateau that fills its square is no peak.
+    """
+    side = 2 * window + 1
+    largest = F.max_pool2d(strength[None], side, 1, window)[0]
+    lowest = -F.max_pool2d(-strength[None], side, 1, window)[0]
+    rows, columns = (torch.arange(size) for size in strength.shape[1:])
+    near = (rows[:, None] - point[0]) ** 2 + (columns[None, :] - point[1]) ** 2 <= reach**2
+    return (strength == largest) & (strength > 0) & (largest > lowest) & near.to(strength.device)
+
+
+def keep_apart(
+    strength: Float[Tensor, "n"], y: Float[Tensor, "n"], x: Float[Tensor, "n"], apart: float, most: int | None
+) -> list[int]:
+    """Indices of the strongest, each at least ``apart`` from those before it; ``most`` at the most."""
+    kept: list[int] = []
+    for index in torch.argsort(strength, descending=True, stable=True).tolist():
+        if all(float((y[index] - y[k]) ** 2 + (x[index] - x[k]) ** 2) >= apart**2 for k in kept):
+            kept.append(index)
+        if most is not None and len(kept) == most:
+            break
+    return kept

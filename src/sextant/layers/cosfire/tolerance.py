@@ -1,0 +1,52 @@
+"""Rotations, sizes and the mirror image that a filter answers to besides its prototype's own."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class Move(NamedTuple):
+    """How an image is moved about a point: mirrored left to right, then turned, then enlarged."""
+
+    rotation_rad: float  # counter-clockwise as seen
+    scale: float
+    mirrored: bool
+
+    @property
+    def nothing(self) -> bool:
+        """Whether it leaves everything in place."""
+        return self.rotation_rad == 0 and self.scale == 1 and not self.mirrored
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """The moves whose strongest response counts.
+
+    Args:
+        rotations: how many, evenly over ``span_deg``, from 0 on.
+        span_deg: 360, or 180 for what looks the same upside down.
+        scales: factors of size.
+        reflection: the mirror image as well.
+
+    Raises:
+        ValueError: no rotation, no scale, or a scale that is not positive.
+    """
+
+    rotations: int = 1
+    span_deg: float = 360.0
+    scales: tuple[float, ...] = (1.0,)
+    reflection: bool = False
+
+    def __post_init__(self) -> None:
+        if self.rotations < 1 or not self.scales or min(self.scales) <= 0:
+            raise ValueError(
+                f"tolerance needs at least one rotation and positive scales; got {self.rotations} and {self.scales}"
+            )
+
+    def moves(self) -> Iterator[Move]:
+        """All combinations."""
+        for mirrored in (False, True)[: 1 + self.reflection]:
+            for turn in range(self.rotations):
+                for scale in self.scales:
+                    yield Move(math.radians(self.span_deg * turn / self.rotations), float(scale), mirrored)
