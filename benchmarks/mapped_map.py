@@ -1,10 +1,10 @@
 """A map in files, larger than the memory it is localized with: what stays resident.
 
-The map's descriptors are written and its neighbourhoods prepared in one process, and it is localized in another, so
-that each one's memory is its own. Images are in :func:`~sextant.localization.spatial_order.spatial_order`, and a filter
-that knows about where it is asks only the tiles of the file that its particles' neighbourhoods lie in. *Anonymous*
-memory cannot be given back; *mapped* pages are the files', which the system drops when memory is short: while the
-map is made they are dropped whenever they exceed a budget, which shows that nothing needs more of them at a time.
+The map is made of a stream of images in one process, :class:`~sextant.localization.tiled_map.TiledMapBuilder`, and
+localized in another, so that each one's memory is its own. A filter that knows about where it is asks only the tiles of
+the files that its particles' neighbourhoods lie in. *Anonymous* memory cannot be given back; *mapped* pages are the
+files', which the system drops when memory is short: while the map is made they are dropped whenever they exceed a
+budget, which shows that nothing needs more of them at a time.
 """
 
 import ctypes
@@ -21,21 +21,18 @@ from rich.console import Console
 
 from benchmarks.localization import DIMENSION, KERNEL, LIKELIHOOD, city_poses, smooth
 from sextant.geometry.planar import se2_between
-from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import UniformStart
-from sextant.localization.likelihood import Likelihood
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.motion import ExponentialMotion
-from sextant.localization.observation.cached_local_gp import CachedEvidence, CachedLocalGP
+from sextant.localization.observation.cached_local_gp import CachedLocalGP
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.recovery import NoRecovery
 from sextant.localization.resampling import SystematicResampling
-from sextant.localization.spatial_order import spatial_order
+from sextant.localization.saved_map import load_map
+from sextant.localization.tiled_map import TiledMapBuilder
 
 IMAGES, NEIGHBOURS, BLOCK = 1_000_000, 8, 16_384
-#: Images that are read together, 2 MiB of descriptors.
-TILE = 4096
 #: Mapped pages at most while the map is made, MB; particles and steps of the filter.
 BUDGET_MB, PARTICLES, STEPS = 128, 1000, 100
 
@@ -54,86 +51,41 @@ def show_mapped(folder: Path, images: int, console: Console) -> None:
 
 
 def make(folder: Path, images: int) -> dict[str, float]:
-    """Write descriptors in blocks and prepare all neighbourhoods, both in files."""
-    began, before = time.perf_counter(), memory(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    """Add images in chunks, in no order, and finish the map."""
     poses = city_poses(images)
-    poses = poses[spatial_order(poses)]
-    np.save(folder / "poses.npy", poses.numpy())
-    random = np.random.default_rng(0)
-    written = np.lib.format.open_memmap(
-        folder / "descriptors.npy", mode="w+", dtype=np.float32, shape=(images, DIMENSION)
-    )
-    waves = smooth(random)
-    peak, total = before, torch.zeros(DIMENSION, dtype=torch.float64)
-    for start in range(0, images, BLOCK):
-        block = waves(poses[start : start + BLOCK])
-        total += block.sum(dim=0, dtype=torch.float64)
-        written[start : start + BLOCK] = block.numpy()
+    poses = poses[torch.randperm(len(poses), generator=torch.Generator().manual_seed(0))]
+    began, before = time.perf_counter(), memory(folder)
+    waves, peak = smooth(np.random.default_rng(0)), before
+    builder = TiledMapBuilder(folder)
+    for chunk in poses[builder.images :].split(BLOCK):
+        builder.add(chunk, waves(chunk))
         peak = watched(peak, folder)
-    written.flush()
-    del written
-    np.save(folder / "mean.npy", (total / images).float().numpy())
-    seen, model = open_map(folder), CachedLocalGP(NEIGHBOURS)
-    described = time.perf_counter() - began
+    added = time.perf_counter() - began
 
     def progress(done: int, of: int) -> None:
         nonlocal peak
         peak = watched(peak, folder)
 
-    model.fit(seen, KERNEL, folder / "caches", progress)
+    builder.finish(KERNEL, LIKELIHOOD, neighbours=NEIGHBOURS, progress=progress)
     files = sum(path.stat().st_size for path in folder.rglob("*.npy"))
     return {
         "files MB": files / 1e6,
         "anonymous MB, peak growth": peak["anonymous"] - before["anonymous"],
         "mapped MB, peak": peak["mapped"],
-        "described s": described,
-        "prepared s": time.perf_counter() - began - described,
+        "added s": added,
+        "finished s": time.perf_counter() - began - added,
     }
-
-
-def open_map(folder: Path) -> DescriptorMap:
-    """The map with its descriptors mapped; they were made here, so they are not looked through for what is wrong."""
-    poses, mean = (torch.from_numpy(np.load(folder / f"{name}.npy", allow_pickle=False)) for name in ("poses", "mean"))
-    return DescriptorMap(poses, _mapped(folder / "descriptors.npy"), mean)
-
-
-def _mapped(path: Path) -> torch.Tensor:
-    return torch.from_numpy(np.load(path, mmap_mode="c", allow_pickle=False))
 
 
 # -- localizing in it --------------------------------------------------------------------------------------------------
 
 
-class TiledEvidence(CachedEvidence):
-    """An observation compared only with the tiles of the map that poses ask for: no evidence over the map."""
-
-    def __init__(self, model: CachedLocalGP, descriptor: torch.Tensor, likelihood: Likelihood):
-        self.model, self.likelihood = model, likelihood
-        self.centred = descriptor - model.map.mean
-        self.offsets = self.centred.double() @ model.map.mean.double()
-        self.norms = self.centred.double().square().sum(dim=1)
-        self.products = np.empty((1, len(model.map)), np.float32)
-        self.known: set[int] = set()
-
-    def log_likelihood(self, poses: torch.Tensor) -> torch.Tensor:
-        """Read the tiles that are not known yet, then as for any."""
-        images, _ = self.model._near(poses.reshape(-1, 3))
-        rows = self.model.caches.neighbours[np.unique(images.numpy())]
-        for tile in set(np.unique(rows // TILE).tolist()) - self.known:
-            some = slice(tile * TILE, (tile + 1) * TILE)
-            self.products[0, some] = self.model.map.descriptors[some].numpy() @ self.centred[0].numpy()
-            self.known.add(tile)
-        return super().log_likelihood(poses)
-
-
 def localize(folder: Path, images: int) -> dict[str, float]:
     """Follow a street from about where it begins."""
     before = memory(folder)
-    seen = open_map(folder)
-    poses = seen.poses
-    state = {path.stem: _mapped(path) for path in (folder / "caches").glob("*.npy")}
-    model = CachedLocalGP(NEIGHBOURS).load_state(seen, KERNEL, state)
+    model = load_map(folder, verify=False).model
+    assert isinstance(model, CachedLocalGP)
+    poses = model.map.poses
     opened = memory(folder)
 
     random, generator = np.random.default_rng(1), torch.Generator().manual_seed(0)
@@ -144,25 +96,26 @@ def localize(folder: Path, images: int) -> dict[str, float]:
     start = MapPrior(truth[:1], 5.0, 0.2)
     particle_filter = ParticleFilter(ExponentialMotion((0.2, 0.1, 0.02)), SystematicResampling(), NoRecovery(), start)
     state_now: FilterState = particle_filter.start(UniformStart(), 1, PARTICLES, generator)
-    errors, seconds, tiles, peak = [], [], set(), opened
+    errors, seconds, tiles, peak = [], [], set[int](), opened
     for step in range(STEPS):
         began = time.perf_counter()
-        evidence = TiledEvidence(model, images_seen[step : step + 1], LIKELIHOOD)
+        evidence = model.observe(images_seen[step : step + 1], LIKELIHOOD)
         moved = motion[step - 1 : step] if step else None
         state_now, _ = particle_filter.step(state_now, moved, evidence, None, generator)
         found = estimate(state_now.belief, 5.0)
         seconds.append(time.perf_counter() - began)
         errors.append(float((found.pose[0, :2] - truth[step, :2]).norm()))
-        tiles |= evidence.known
+        tiles |= set(np.flatnonzero(~evidence.unread).tolist())
         peak = {name: max(peak[name], value) for name, value in memory(folder).items()}
-    whole = model.observe(images_seen[-1:], LIKELIHOOD).log_likelihood(state_now.belief.poses)
+    at_once = CachedLocalGP(NEIGHBOURS).load_state(model.map, KERNEL, model.state())
+    whole = at_once.observe(images_seen[-1:], LIKELIHOOD).log_likelihood(state_now.belief.poses)
     apart = (whole - evidence.log_likelihood(state_now.belief.poses)).abs().max()
     return {
         "error m, median": float(np.median(errors)),
         "error m, greatest after 10 steps": float(np.max(errors[10:])),
         "ms a step, median": 1e3 * float(np.median(seconds)),
         "tiles read": float(len(tiles)),
-        "of": float(-(-len(poses) // TILE)),
+        "of": float(len(evidence.unread)),
         "anonymous MB, opened": opened["anonymous"] - before["anonymous"],
         "anonymous MB, peak growth": peak["anonymous"] - before["anonymous"],
         "mapped MB, opened": opened["mapped"],

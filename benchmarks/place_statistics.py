@@ -24,9 +24,9 @@ from scipy.stats import kendalltau
 
 from benchmarks.nordland_town import PLACES, SETTINGS, town_traverses
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.compose import default_outputs
 from sextant.errors import UserError
 from sextant.evaluation.place_statistics import PlaceStatistics, place_statistics
+from sextant.runs.outputs_folder import default_outputs
 
 USAGE = """python -m benchmarks.place_statistics reference=<images> query=<images> [reference2=<images> query2=<images>]
 python -m benchmarks.place_statistics [reference=<images> query=<images>] town=true [seeds=0,1,2] [json=<file>]"""

@@ -9,15 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from localized_office import office_run, pose_error
 from scipy.ndimage import gaussian_filter
+from tiny_office import office_run, pose_error
 
 import sextant
 from sextant import Localizer
 from sextant.baselines import Pixels
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.families import family_of
-from sextant.cli.localizing.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION
@@ -26,6 +25,8 @@ from sextant.localization.localize import localize
 from sextant.localization.motion import IdentityMotion
 from sextant.localization.observers import Camera
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.localization.tiled_map import TiledMapBuilder
+from sextant.localizer_files.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 
 STEP = 0.5
@@ -169,6 +170,24 @@ class Rows:
 
     def describe(self, images):
         return self.rows if self.rows is not None else Pixels(16, 24).describe(images)
+
+
+def test_a_map_of_a_stream_of_images_is_opened_with_the_usual_filter(corridor, tmp_path):
+    made = corridor.localizer()
+    builder = TiledMapBuilder(tmp_path)
+    for poses, rows in zip(made.model.map.poses.split(13), made.model.map.descriptors.split(13), strict=True):
+        builder.add(poses, rows)
+    builder.finish(KERNEL, made.likelihood, tile=32, map_evidence="mean", facts={"city": "none"})
+    opened = Localizer.load(tmp_path, particles=200, descriptor=made.descriptor.describer, verify=False)
+    assert (opened.radius, opened.facts, opened.image_size) == (1.0, {"city": "none"}, None)
+    assert opened.filter.prior.sigmas == made.filter.prior.sigmas
+    # of equally far images another may be the neighbour: the same but for that
+    for ours, theirs in zip(drive(opened, corridor), drive(made, corridor), strict=True):
+        assert ours.pose == pytest.approx(theirs.pose, abs=0.1)
+        assert ours.lost == theirs.lost
+    assert Localizer.load(tmp_path, radius=2.0).radius == 2.0
+    with pytest.raises(UserError, match="does not tell what it was described with"):
+        Localizer.load(tmp_path, run="any")
 
 
 def test_a_descriptor_of_ones_own_is_given_again(corridor, tmp_path):

@@ -8,7 +8,6 @@
 The map may also be made of arrays, with :meth:`Localizer.from_images`, and saved with :meth:`Localizer.save`.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +19,6 @@ from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.cli.localizing.kept_descriptor import Describes, KeptDescriptor
-from sextant.cli.localizing.localizer_files import described_map, open_localizer, save_localizer
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.belief import Belief
@@ -29,20 +26,20 @@ from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.map_prior import MapPrior
-from sextant.localization.motion import ExponentialMotion, MotionModel
+from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.localization.recovery import BayesRestart, Recovery
-from sextant.localization.resampling import SystematicResampling
+from sextant.localization.recovery import Recovery
+from sextant.localizer_files.kept_descriptor import Describes, KeptDescriptor
+from sextant.localizer_files.kept_filter import usual_filter
+from sextant.localizer_files.localizer_folder import described_map, open_localizer, save_localizer
 
 #: how independent one image's evidence is taken to be, where no traverse tells
 TEMPERING = 0.125
 #: the kernel is fitted to at most so many images of a map, evenly spaced
 FITTED_TO = 600
 LEARNING_RATE = 0.05
-HEADING_SIGMA = math.radians(10)
 STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
 Start = Literal["uniform", "appearance"] | Initialisation
 
@@ -231,30 +228,36 @@ class Localizer:
         descriptor: Describes | None = None,
         motion: MotionModel | None = None,
         recovery: Recovery | None = None,
+        radius: float | None = None,
         particles: int | None = None,
         start: Start = "uniform",
         seed: int = 0,
+        verify: bool = True,
         trust: bool = False,
     ) -> Self:
-        """Open the map of a run, or one that was saved.
+        """Open the map of a run, one that was saved, or one that was made of a stream.
+
+        A map that :class:`~sextant.localization.tiled_map.TiledMapBuilder` made knows of no filter: it gets the one of
+        :meth:`from_images`, and takes vectors unless a descriptor is given.
 
         Args:
             folder: of the run, or of the map.
             run: of place recognition, whose network is to describe images: to be sure that it is the map's.
             descriptor: of images, for a map whose own could not be kept.
-            motion, recovery: in place of the map's own.
+            motion, recovery, radius: in place of the map's own.
             particles: None for as many as the map was tested with.
             start, seed: as for the class.
+            verify: compare the hashes of all files, which reads them once; their sizes are compared anyway.
             trust: build parts of the user's own that a network's config names.
 
         Raises:
             UserError: there is no map, it is damaged, or its descriptors are of another run.
         """
         parts = open_localizer(
-            Path(folder), run=run, descriptor=descriptor, motion=motion, recovery=recovery, trust=trust
+            Path(folder), run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
         )
-        if particles is not None:
-            parts["particles"] = particles
+        given = {"radius": radius, "particles": particles}
+        parts |= {name: value for name, value in given.items() if value is not None}
         return cls(**parts, start=start, seed=seed)
 
     @classmethod
@@ -303,12 +306,7 @@ class Localizer:
 
             observation = CachedLocalGP(min(16, len(found)), map_evidence="mean")
         model = observation.fit(found, kernel or _fitted_kernel(found, steps))
-        filter = ParticleFilter(
-            motion or ExponentialMotion((0.01, 0.01, 0.005), (0.004, 0.001, 0.002), (0.0, 0.001, 0.002)),
-            SystematicResampling(),
-            recovery or BayesRestart(weigh_jitter=True),
-            MapPrior(found.poses, _position_sigma(found), HEADING_SIGMA),
-        )
+        filter = usual_filter(found.poses, motion=motion, recovery=recovery)
         return cls(
             model,
             likelihood or Likelihood(tempering=TEMPERING),
@@ -347,12 +345,3 @@ def _fitted_kernel(found: DescriptorMap, steps: int) -> PoseKernel:
         loss.backward()
         optimizer.step()
     return kernel.frozen()
-
-
-def _position_sigma(found: DescriptorMap) -> float:
-    """Half the median distance from a position of the map to the next."""
-    from scipy.spatial import cKDTree
-
-    positions = np.unique(found.poses[:, :2].numpy(), axis=0)
-    apart = cKDTree(positions).query(positions, k=2)[0][:, 1] if len(positions) > 1 else np.ones(1)
-    return max(float(np.median(apart)), 1e-6) / 2

@@ -8,9 +8,9 @@ from support import fill_disk
 
 from sextant.cli import predict
 from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
-from sextant.cli.resolve import FoundRun
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY
+from sextant.runs.resolve import FoundRun
 
 HEAVY = ("torch", "pytorch_lightning", "mlflow", "matplotlib", "cv2", "numba", "scipy", "sklearn")
 PROBE = f"""

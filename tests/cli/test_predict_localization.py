@@ -7,7 +7,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from localized_office import office_run
+from tiny_office import office_run
 
 from sextant import Localizer
 from sextant.cli import predict

@@ -24,13 +24,13 @@ from sextant.cli.place_matching.matching import match
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
 from sextant.cli.place_matching.predict import predict_places
 from sextant.cli.place_matching.run_facts import Temperature
-from sextant.cli.resolve import FoundRun
 from sextant.data.places.decoded_images import ImageSize
 from sextant.errors import UserError
 from sextant.evaluation.positives import Positives
 from sextant.retrieval import FlatIndex
 from sextant.runs.checkpoint import KEY
 from sextant.runs.directory import RunDirectory
+from sextant.runs.resolve import FoundRun
 
 PLACES = {"train": 32, "val": 16, "test": 20}
 ENDS = ("positive=0", "negative=1")

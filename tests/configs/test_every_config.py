@@ -5,11 +5,12 @@ import pytest
 import torch
 
 from sextant.cli.assemble import build, build_dataset
-from sextant.cli.compose import compose, conf_dir, groups, to_plain
+from sextant.cli.compose import compose, groups, to_plain
 from sextant.config import validate
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
+from sextant.runs.outputs_folder import conf_dir
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import occupancy_from_scans
 
@@ -32,6 +33,15 @@ PLACE_LOSSES = {"contrastive", "info_nce", "multi_similarity", "soft_margin", "t
 NEEDED |= {f"loss={name}": ["task=place_recognition"] for name in PLACE_LOSSES}
 LOCALIZATION = ("descriptor", "observation", "kernel", "likelihood", "motion", "filter", "recovery", "fault", "faults")
 NEEDED |= {group: ["task=localization"] for group in LOCALIZATION}
+NEEDED |= {group: ["task=cosfire"] for group in ("features", "bank", "strategy", "filters")}
+NEEDED |= {
+    "bank=gabor": ["task=cosfire", "strategy=circles"],
+    "bank=dog": ["task=cosfire", "strategy=circles"],
+    "bank=channels": ["task=cosfire", "strategy=channel_peaks"],
+    "features=run": ["task=cosfire", "features.run=gone"],
+    "strategy=circles": ["task=cosfire", "bank=gabor"],
+    "strategy=channel_peaks": ["task=cosfire", "bank=channels"],
+}
 NEEDED |= {
     "dataset=pose_folder": ["dataset.folder=/nowhere"],
     "descriptor=files": ["task=localization", "descriptor.folder=/nowhere"],
@@ -39,7 +49,19 @@ NEEDED |= {
     "fault=wrong_season_map": ["task=localization", "fault.condition=winter_snow"],
 }
 NAMES = {"panorama_mix": "town_panoramas+panorama_folder", "cold": "office_walk"}
-NOT_BUILT = {"trainer", "tracking", "paths", "task", "experiment", "sweep", "kernel", "likelihood", "filter"}
+NOT_BUILT = {
+    "trainer",
+    "tracking",
+    "paths",
+    "task",
+    "experiment",
+    "sweep",
+    "kernel",
+    "likelihood",
+    "filter",
+    "features",
+    "filters",
+}
 SCANNER = LaserScanner(beams=60, field_of_view_rad=3.14, max_range_m=15.0, range_sigma_m=0.02, dropout=0.0)
 GRID = occupancy_from_scans(SCANNER, np.zeros((1, 3)), np.full((1, 60), 2.0), 0.25)
 CHOICES = [(group, option) for group, options in groups().items() for option in options]
@@ -59,6 +81,8 @@ def test_composes_validates_and_builds(group, option):
         assert build_dataset(raw, config).name == NAMES.get(option, option)
     elif group == "backbone":
         assert build(raw, group, in_channels=3, image_size=(72, 96), num_classes=10) is not None
+    elif choice in ("bank=channels", "bank=vectors"):
+        assert build(raw, group, features=torch.nn.Identity(), size=4).size == 4
     elif group == "pooling":
         assert build(raw, group, channels=16, size=(8, 12)) is not None
     elif group == "loss" and option not in PLACE_LOSSES:

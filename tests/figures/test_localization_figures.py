@@ -45,6 +45,7 @@ def test_truth_and_estimate_point_along_their_headings():
     frame = moment()
     (axes,) = particle_map(MAP, frame).axes
     assert axes.get_title() == "frame 0"
+    assert axes.get_xlabel() == "x (m)"
     marks = {to_hex(line.get_color()): line.get_xydata()[0] for line in axes.lines if line.get_marker() == "o"}
     np.testing.assert_allclose(marks[to_hex(TRUTH)], frame.truth[:2])
     np.testing.assert_allclose(marks[to_hex(ESTIMATE)], frame.estimate[:2])
@@ -55,7 +56,8 @@ def test_truth_and_estimate_point_along_their_headings():
 
 def test_a_railway_is_a_map_too(tmp_path):
     track = np.column_stack([np.arange(100.0), np.zeros(100)])
-    (axes,) = particle_map(track, moment()).axes
+    (axes,) = particle_map(track, moment(), unit="frames").axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (frames)", "y (frames)")
     low, high = axes.get_ylim()
     assert low < 0 < high
     with pytest.raises(ValueError, match="at least one position"):

@@ -5,7 +5,7 @@ import torch
 
 from sextant.errors import UserError
 from sextant.geometry import se2_between
-from sextant.localization.map_prior import MapPrior
+from sextant.localization.map_prior import MapPrior, half_spacing
 
 POSES = torch.tensor([[0.0, 0.0, 0.0], [10.0, 0.0, math.pi / 2], [0.0, 20.0, 3.1]], dtype=torch.float64)
 
@@ -47,3 +47,11 @@ def test_an_empty_map_is_refused():
 def test_deviations_must_be_finite_and_not_negative(position, heading):
     with pytest.raises(UserError, match=r"prior\.position_sigma"):
         MapPrior(POSES, position, heading)
+
+
+def test_half_the_spacing_is_of_places_not_of_headings():
+    """Of places 1, 1, 3 and 8 m from their next ones, two headings each, half the median is 1 m."""
+    places = torch.tensor([0.0, 1.0, 4.0, 12.0], dtype=torch.float64).repeat(2)
+    headings = torch.tensor([0.0, 3.0], dtype=torch.float64).repeat_interleave(4)
+    assert half_spacing(torch.stack([places, 2 + 0 * places, headings], dim=1)) == 1.0
+    assert half_spacing(POSES[:1]) == 0.5

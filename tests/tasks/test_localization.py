@@ -58,8 +58,9 @@ def arrays(directory):
 
 def metrics(directory):
     """Of a run, without what tells of the machine."""
+    of_the_machine = ("ms_per_step", "memory", "us_per_particle", "ms_per_image", "fit_map_s")
     found = directory.results()["metrics"]
-    return {key: value for key, value in found.items() if "ms_per_step" not in key and "memory" not in key}
+    return {key: value for key, value in found.items() if not any(name in key for name in of_the_machine)}
 
 
 # -- training and calibration ------------------------------------------------------------------------------------------
@@ -263,3 +264,15 @@ def test_steps_in_which_no_particle_explains_the_image_are_counted_and_got_over(
     for name, values in arrays(found).items():
         if name.startswith(("position_error", "mass", "nll")):
             assert np.isfinite(values).all(), name
+
+
+def test_a_run_tells_what_its_sensor_is_worth_and_costs(usual, run):
+    found = usual.results()["metrics"]
+    by_drive = [found[f"test/descriptor_nll/{name}"] for name in ("summer_noon", "night_clear")]
+    assert found["test/descriptor_nll"] == pytest.approx(np.mean(by_drive))
+    assert by_drive[0] < by_drive[1]  # the map was seen at noon
+    for name in ("us_per_particle", "ms_per_image", "fit_map_s", "model_mb"):
+        assert found[f"test/{name}"] > 0
+    blind = run(*USUAL, "likelihood=univariate", "task.starts=1", "task.horizon=12")
+    assert "test/descriptor_nll" not in blind.results()["metrics"]
+    assert blind.results()["metrics"]["test/us_per_particle"] > 0

@@ -7,7 +7,10 @@ from importlib import import_module
 VERBS = {
     "train": ("sextant.cli.train", "train and test a model, or sweep with -m"),
     "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
-    "predict": ("sextant.cli.predict", "classify images, calibrate photos, or look photos up in a map"),
+    "predict": (
+        "sextant.cli.predict",
+        "classify images, calibrate photos, find places, or detect what an example shows",
+    ),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
     "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
@@ -34,13 +37,9 @@ def run(verb: str, arguments: list[str]) -> None:
 
 
 def spelled_out(argument: str) -> list[str]:
-    """``descriptor=run:<id>`` as the two overrides that it is short for; any other argument as it is."""
-    start = "descriptor=run:"
-    return (
-        ["descriptor=run", f"descriptor.run={argument.removeprefix(start)}"]
-        if argument.startswith(start)
-        else [argument]
-    )
+    """``descriptor=run:<id>``, or features, as the two overrides that it is short for; any other argument as it is."""
+    group, _, run = argument.partition("=run:")
+    return [f"{group}=run", f"{group}.run={run}"] if group in ("descriptor", "features") and run else [argument]
 
 
 def run_script(verb: str) -> None:

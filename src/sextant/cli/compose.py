@@ -1,11 +1,9 @@
 """Composing a config with Hydra, and telling what is wrong with an override in the user's terms."""
 
-import os
 import re
 from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from hydra import compose as hydra_compose
@@ -16,24 +14,9 @@ from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-import sextant
 from sextant.config import nearest
 from sextant.errors import UserError
-
-
-@cache
-def conf_dir() -> Path:
-    """The folder of YAML files: ``conf/`` of the checkout, or its copy inside an installed package."""
-    package = Path(sextant.__file__).parent
-    checkout = package.parents[1] / "conf"
-    return checkout if (checkout / "train.yaml").is_file() else package / "conf"
-
-
-def default_outputs() -> Path:
-    """Where runs are written: ``SEXTANT_OUTPUTS``, else ``outputs`` in the checkout, else in the working directory."""
-    if chosen := os.environ.get("SEXTANT_OUTPUTS"):
-        return Path(chosen).expanduser().absolute()
-    return (conf_dir().parent if conf_dir().parent.name != "sextant" else Path.cwd()) / "outputs"
+from sextant.runs.outputs_folder import conf_dir, default_outputs
 
 
 def register_resolvers() -> None:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.compose import default_outputs
 from sextant.cli.console import console
 from sextant.errors import UserError
+from sextant.runs.outputs_folder import default_outputs
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = "sextant dashboard [port=5000] [serve=true]"

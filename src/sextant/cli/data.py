@@ -13,12 +13,13 @@ from rich.table import Table
 
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.assemble import build_dataset
-from sextant.cli.compose import compose, conf_dir, groups, to_plain
+from sextant.cli.compose import compose, groups, to_plain
 from sextant.cli.console import console, key_value_table
 from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
 from sextant.config import validate
 from sextant.errors import UserError
+from sextant.runs.outputs_folder import conf_dir
 
 if TYPE_CHECKING:
     from sextant.data.rendered import RenderPlan, StoreReport

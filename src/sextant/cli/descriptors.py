@@ -14,15 +14,15 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from sextant.cli.assemble import build
-from sextant.cli.resolve import resolve_run
 from sextant.errors import UserError
+from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
     from sextant.baselines.descriptor import PlaceDescriptor
-    from sextant.cli.place_matching.network import TrainedNetwork
     from sextant.data.localization.described import Describer
     from sextant.data.localization.drive import Drive
     from sextant.data.places.images import ImageRows
+    from sextant.tasks.place_network import TrainedPlaceNetwork
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,12 @@ class TrainedDescriptor:
         Raises:
             UserError: there is no such run, or it is not one of place recognition.
         """
-        from sextant.cli.place_matching.network import TrainedNetwork
         from sextant.cli.trained_model import read_trained
         from sextant.cli.training import model_from_checkpoint
         from sextant.config import validate
+        from sextant.data.places.decoded_images import ImageSize
         from sextant.runs.checkpoint import KEY
+        from sextant.tasks.place_network import TrainedPlaceNetwork
 
         found = resolve_run(self.run, outputs)
         trained = read_trained(found.checkpoint)[KEY]
@@ -64,7 +65,8 @@ class TrainedDescriptor:
             )
         raw = trained["config"]
         module = model_from_checkpoint(raw, validate(raw), found.checkpoint)
-        return NetworkDescriber(TrainedNetwork(module, found.identity))
+        size = ImageSize(module.spec.height, module.spec.width, module.spec.channels)
+        return NetworkDescriber(TrainedPlaceNetwork(module.network, size, found.identity))
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ class BaselineDescriber:
 class NetworkDescriber:
     """A trained network."""
 
-    def __init__(self, network: "TrainedNetwork"):
+    def __init__(self, network: "TrainedPlaceNetwork"):
         self.network, self.identity = network, network.model
 
     def fit(self, images: "ImageRows") -> None:

@@ -8,14 +8,16 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 
-from sextant.cli.compose import compose, default_outputs, groups, to_plain
+from sextant.cli.compose import compose, groups, to_plain
 from sextant.cli.execute import OpenMirror, identity_of, run_once
 from sextant.cli.families import Source, family_of
-from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.cli.show import show_result
-from sextant.config import Config, digest, nearest, validate
+from sextant.config import Config, digest, nearest
+from sextant.config.trained import trained_config
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import FoundRun, resolve_run
 from sextant.runs.source_tree import source_sha256
 from sextant.tracking.environment import quiet_libraries
 
@@ -67,18 +69,7 @@ def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> t
     """
     trust = "trust=true" in overrides
     raw = merge(trained["config"], [override for override in overrides if override != "trust=true"])
-    config = validate(raw)
-    if trained["task"] != config.task.name:
-        raise UserError(
-            f"this is a {trained['task']} model by its label and a {config.task.name} model by its config",
-            "The checkpoint was altered, or written by another version of Sextant.",
-        )
-    if config.custom_targets() and not trust:
-        raise UserError(
-            f"the checkpoint wants to build {', '.join(config.custom_targets())}, which Sextant does not know",
-            "If you know where the checkpoint comes from, add trust=true",
-        )
-    return raw, config
+    return raw, trained_config(raw, trained["task"], trust=trust)
 
 
 def split_run(arguments: Sequence[str], usage: str) -> tuple[str, list[str]]:

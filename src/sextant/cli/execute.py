@@ -13,12 +13,12 @@ import yaml
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.console import console
 from sextant.cli.families import Source, family_of
-from sextant.cli.resolve import resolve_run
 from sextant.config import Config, digest, validate
 from sextant.config.schema.corruptions import StoredSuite
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
+from sextant.runs.resolve import resolve_run
 from sextant.runs.source_tree import source_sha256
 
 if TYPE_CHECKING:
@@ -74,6 +74,8 @@ def identity_of(config: Config) -> dict[str, Any]:
         from sextant.cli.descriptors import descriptor_identity
 
         typed["descriptor"] = descriptor_identity(typed["descriptor"], Path(config.paths.outputs))
+    if config.features is not None and config.features.run is not None:
+        typed["features"]["run"] = resolve_run(config.features.run, Path(config.paths.outputs)).identity
     if isinstance(config.corruption, StoredSuite):
         from sextant.corruptions.stored_suite import folder_identity
 

@@ -41,7 +41,7 @@ def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
         UserError: there is no such file or run.
     """
     if shelf.network is None:
-        from sextant.cli.resolve import resolve_run
+        from sextant.runs.resolve import resolve_run
 
         with _naming_the_key():
             return resolve_run(shelf.weights, outputs).identity
@@ -92,10 +92,10 @@ def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path
 def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
     """The network of a run, a checkpoint or a published file; it standardises its images itself."""
     from sextant.cli.evaluate import checkpoint_config
-    from sextant.cli.resolve import resolve_run
     from sextant.cli.trained_model import read_trained
     from sextant.cli.training import model_from_checkpoint
     from sextant.runs.checkpoint import KEY as CONTENT
+    from sextant.runs.resolve import resolve_run
 
     path = resolve_run(shelf.weights, outputs).checkpoint
     content = read_trained(path)[CONTENT]

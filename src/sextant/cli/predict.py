@@ -1,4 +1,4 @@
-"""``predict.py``: classify images, calibrate photos, look photos up in a map, or localize them in one.
+"""``predict.py``: classify images, calibrate photos, look photos up or localize them in a map, detect an example.
 
 What is heavy is imported where it is used, so that mistakes in a command are told at once.
 """
@@ -15,6 +15,8 @@ import numpy as np
 from sextant.atomic_files import write_atomically
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
+from sextant.cli.cosfire_detection.inputs import read_inputs as read_detection_inputs
+from sextant.cli.cosfire_detection.options import KEYS as DETECTION_KEYS
 from sextant.cli.input_photos import find_photos
 from sextant.cli.localizing.options import KEYS as LOCALIZING_KEYS
 from sextant.cli.localizing.options import OUTPUT as LOCALIZATION_OUTPUT
@@ -25,9 +27,9 @@ from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
 from sextant.cli.photo_calibration.options import CalibrationOptions, options_from
 from sextant.cli.place_matching.options import INPUTS as PLACE_INPUTS
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
-from sextant.cli.resolve import FoundRun, resolve_run
 from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
+from sextant.runs.resolve import FoundRun, resolve_run
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = (
@@ -39,8 +41,12 @@ LOCALIZING_USAGE = (
     "python predict.py run=<run of localization, or a saved map> input=<folder of photos, or video> "
     "[odometry=<table>] [output=localization]"
 )
+DETECTION_USAGE = (
+    "python predict.py task=cosfire prototype=<image> point=<x,y> input=<image, folder or pattern> output=<folder>"
+)
 KEYS = {
     "run": "the trained model",
+    "task": "cosfire: detect what one example shows, without a trained model; any other task is that of the run",
     "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'; for localization "
     "also a video",
     "output": "folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given; for "
@@ -50,6 +56,7 @@ KEYS = {
     **{key: f"calibration: {text}" for key, text in CALIBRATION_KEYS.items()},
     **{key: f"places: {text}" for key, text in (PLACE_INPUTS | PLACE_KEYS).items()},
     **{key: f"localization: {text}" for key, text in LOCALIZING_KEYS.items()},
+    **{key: f"task=cosfire: {text}" for key, text in DETECTION_KEYS.items()},
 }
 BATCH = 256
 SHEET = 40
@@ -58,7 +65,10 @@ SHEET = 40
 def main(arguments: Sequence[str]) -> None:
     """Predict every image; one that cannot be read is named in the result and the rest go on."""
     quiet_libraries()
-    given = parse_arguments(arguments, KEYS, f"{USAGE}\n{PLACE_USAGE}\n{LOCALIZING_USAGE}")
+    given = parse_arguments(arguments, KEYS, f"{USAGE}\n{PLACE_USAGE}\n{LOCALIZING_USAGE}\n{DETECTION_USAGE}")
+    if "task" in given or any(key in given for key in DETECTION_KEYS):
+        _detect(given)
+        return
     if any(key in given for key in PLACE_INPUTS):
         _match_places(given)
         return
@@ -129,9 +139,35 @@ def _find_run(given: Mapping[str, str]) -> FoundRun:
 def _outputs(given: Mapping[str, str]) -> Path:
     if "outputs" in given:
         return Path(given["outputs"]).absolute()
-    from sextant.cli.compose import default_outputs
+    from sextant.runs.outputs_folder import default_outputs
 
     return default_outputs()
+
+
+def _detect(given: Mapping[str, str]) -> None:
+    if "task" not in given:
+        raise UserError(f"{next(k for k in DETECTION_KEYS if k in given)}= belongs to task=cosfire", DETECTION_USAGE)
+    if given["task"] != "cosfire":
+        raise UserError(
+            f"task={given['task']}: only task=cosfire predicts without a run; any other task is that of run=",
+            f"{USAGE}\n{DETECTION_USAGE}",
+        )
+    if others := [k for k in given if k in PLACE_INPUTS | PLACE_KEYS | CALIBRATION_KEYS | LOCALIZING_KEYS]:
+        raise UserError(f"{others[0]}= does not go with task=cosfire", DETECTION_USAGE)
+    _require(given, ("prototype", "input", "output"), DETECTION_USAGE)
+    inputs = read_detection_inputs(given)
+    _make(inputs.output)
+    if "run" in given:
+        _find_run(given)  # before anything heavy is imported
+    from sextant.cli.cosfire_detection.predict import predict_detections
+
+    network = None
+    if "run" in given:
+        from sextant.cli.cosfire_detection.network import trained_features
+
+        layer, trust = inputs.options.layer, given.get("trust") == "true"
+        network = trained_features(given["run"], _outputs(given), layer, trust=trust)
+    predict_detections(inputs, network)
 
 
 def _localize(given: Mapping[str, str], folder: Path) -> None:
@@ -179,15 +215,18 @@ def _match_places(given: Mapping[str, str]) -> None:
     if trained["task"] != "place_recognition":
         raise UserError(f"map= belongs to place_recognition; this is a model of {trained['task']}", USAGE)
     from sextant.cli.evaluate import checkpoint_config
-    from sextant.cli.place_matching.network import TrainedNetwork
     from sextant.cli.place_matching.predict import predict_places
     from sextant.cli.place_matching.run_facts import run_facts, run_temperature
     from sextant.cli.training import model_from_checkpoint
     from sextant.config.schema import PlaceRecognitionTask
+    from sextant.data.places.decoded_images import ImageSize
+    from sextant.tasks.place_network import TrainedPlaceNetwork
 
     raw, config = checkpoint_config(trained, ["trust=true"] if given.get("trust") == "true" else [])
     assert isinstance(config.task, PlaceRecognitionTask)
-    network = TrainedNetwork(model_from_checkpoint(raw, config, found.checkpoint), found.identity)
+    module = model_from_checkpoint(raw, config, found.checkpoint)
+    size = ImageSize(module.spec.height, module.spec.width, module.spec.channels)
+    network = TrainedPlaceNetwork(module.network, size, found.identity)
     predict_places(
         network,
         inputs,

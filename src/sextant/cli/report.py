@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.compose import default_outputs
 from sextant.cli.console import console
 from sextant.errors import UserError
+from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.sweep_directory import find_sweep
 from sextant.tracking.environment import quiet_libraries
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from sextant.cli.compose import default_outputs
 from sextant.cli.console import console
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.locks import run_lock
+from sextant.runs.outputs_folder import default_outputs
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = "sextant runs [list | delete <task>/<run> ...]"

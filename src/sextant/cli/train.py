@@ -11,10 +11,11 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from sextant.cli.compose import compose, conf_dir, register_resolvers, to_plain
+from sextant.cli.compose import compose, register_resolvers, to_plain
 from sextant.cli.console import reporting_mistakes
 from sextant.config import Config, validate
 from sextant.errors import UserError
+from sextant.runs.outputs_folder import conf_dir
 from sextant.tracking.environment import quiet_libraries
 
 MULTIRUN = ("-m", "--multirun")

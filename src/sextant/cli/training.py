@@ -13,13 +13,14 @@ from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.families import Source, family_of
 from sextant.cli.progress import TrainingProgress
-from sextant.cli.resolve import resolve_run
 from sextant.cli.trained_model import read_trained
 from sextant.config import Config
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, AtomicCheckpointIO, load_checkpoint
 from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.resolve import resolve_run
+from sextant.tasks.peak_memory import reset_peak_memory
 from sextant.tracking.logger import RunLogger
 from sextant.tracking.mirror import MirroredRun
 from sextant.tracking.system_metrics import system_metrics
@@ -39,6 +40,7 @@ def train_and_test(
         The content of ``metrics.json``.
     """
     began = time.monotonic()
+    reset_peak_memory()
     require_device(config)
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
@@ -79,6 +81,7 @@ def test_checkpoint(
 ) -> dict[str, Any]:
     """Test the model in a checkpoint under the conditions of ``raw``, and write results as a training run does."""
     began = time.monotonic()
+    reset_peak_memory()
     torch.set_num_threads(config.trainer.threads)
     require_device(config)
     module = model_from_checkpoint(raw, config, checkpoint)

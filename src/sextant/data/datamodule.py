@@ -58,10 +58,10 @@ class ImageData(pl.LightningDataModule):
                 raise UserError(
                     f"dataset={self.source.name}: no validation split can be made: {error}", "Add images to that class."
                 ) from None
-            self._splits["train"] = _in_memory(LabelledImages(data.images[train], data.labels[train]))
-            self._splits["validation"] = _in_memory(LabelledImages(data.images[validation], data.labels[validation]))
+            self._splits["train"] = in_memory(LabelledImages(data.images[train], data.labels[train]))
+            self._splits["validation"] = in_memory(LabelledImages(data.images[validation], data.labels[validation]))
         if stage == "test" and "test" not in self._splits:
-            self._splits["test"] = _in_memory(self.source.read("test"))
+            self._splits["test"] = in_memory(self.source.read("test"))
 
     def split(self, name: str) -> ImageBatches:
         """The images of ``train``, ``validation`` or ``test``, once they were read by :meth:`setup`."""
@@ -98,5 +98,6 @@ class ImageData(pl.LightningDataModule):
         )
 
 
-def _in_memory(data: LabelledImages) -> ImageBatches:
+def in_memory(data: LabelledImages) -> ImageBatches:
+    """Images as batches can be taken from."""
     return ImageBatches(torch.from_numpy(data.images), torch.from_numpy(data.labels))

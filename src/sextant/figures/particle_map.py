@@ -26,7 +26,7 @@ class ParticleFrame:
     """One moment of a filter.
 
     Attributes:
-        poses: of the particles, x, y in metres and heading in radians.
+        poses: of the particles, x, y in the unit of the map and heading in radians.
         log_weights: up to a constant.
         estimate: pose; None while lost.
         truth: pose; None where it is not known.
@@ -42,16 +42,19 @@ class ParticleFrame:
     path: Float[ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
 
 
-def particle_map(map_positions: Float[ndarray, "n 2"], frame: ParticleFrame, *, width: float = 6.0) -> Figure:
+def particle_map(
+    map_positions: Float[ndarray, "n 2"], frame: ParticleFrame, *, width: float = 6.0, unit: str = "m"
+) -> Figure:
     """Where the map's images are, the particles with their weights, the estimate and the truth.
 
     Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. An arrow
     points along a heading.
 
     Args:
-        map_positions: metres.
+        map_positions: of its images.
         frame: the moment.
         width: of the figure in inches.
+        unit: of positions, such as frames along a railway.
 
     Raises:
         ValueError: the map has no position.
@@ -59,7 +62,7 @@ def particle_map(map_positions: Float[ndarray, "n 2"], frame: ParticleFrame, *, 
     if len(map_positions) == 0:
         raise ValueError("the figure needs a map with at least one position")
     figure, (axes,) = new_figure(width, map_height(map_positions, width))
-    draw_map(axes, map_positions)
+    draw_map(axes, map_positions, unit)
     draw_frame(axes, frame)
     return figure
 
@@ -70,12 +73,13 @@ def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
     return float(np.clip(width * along / across, 2.0, 2 * width)) + 0.8
 
 
-def draw_map(axes: Axes, map_positions: Float[ndarray, "n 2"]) -> None:
+def draw_map(axes: Axes, map_positions: Float[ndarray, "n 2"], unit: str = "m") -> None:
     """Draw a map's positions, set the limits of the axes and say below what the colours mean."""
     (left, bottom), (right, top) = _bounds(map_positions)
     some = map_positions[:: -(-len(map_positions) // MOST_POSITIONS)]
     axes.scatter(some[:, 0], some[:, 1], s=3, color=MAP, linewidths=0, rasterized=True)
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    names = {"xlabel": f"x ({unit})", "ylabel": f"y ({unit})"}
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", **names)
     heavy = to_hex(colormaps[WEIGHTS](1.0))
     marks = {"map": (MAP, 2), "particles (dark: heavy)": (heavy, 3), "truth": (TRUTH, 6), "estimate": (ESTIMATE, 6)}
     handles = [Line2D([], [], color=c, marker="o", markersize=s, ls="", label=name) for name, (c, s) in marks.items()]

@@ -32,6 +32,7 @@ def particle_replay(
     *,
     frames_per_second: float = 10.0,
     width: float = 6.0,
+    unit: str = "m",
 ) -> int:
     """Write a video (``.mp4``) or an animation that any browser shows (``.gif``), and return the number of frames.
 
@@ -39,11 +40,12 @@ def particle_replay(
     The file appears when it is complete.
 
     Args:
-        map_positions: metres.
+        map_positions: of its images.
         frames: the moments, in order.
         path: of the file to write; its folder is made.
         frames_per_second: how fast it is shown.
         width: of the picture in inches of 100 pixels.
+        unit: of positions.
 
     Raises:
         UserError: the path ends in neither, there is no frame, or no MP4 can be written on this machine.
@@ -56,7 +58,7 @@ def particle_replay(
     figure, (axes,) = new_figure(width, map_height(map_positions, width))
     canvas = FigureCanvasAgg(figure)
     figure.set_dpi(PIXELS_PER_INCH)
-    draw_map(axes, map_positions)
+    draw_map(axes, map_positions, unit)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.stem}.unfinished{path.suffix}")
     writer: _Writer | None = None

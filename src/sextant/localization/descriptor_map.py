@@ -1,5 +1,6 @@
 """A map: images, told by their descriptors, at known poses."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
 
@@ -73,7 +74,7 @@ class DescriptorMap:
                 "poses that an earlier image has too (same x, y and heading)",
                 "Leave these images out, or keep one with their mean descriptor: task.merge_duplicates=true",
             )
-        return cls(poses, descriptors, _mean(descriptors))
+        return cls(poses, descriptors, mean_of_blocks(descriptors.split(BLOCK)))
 
 
 def _refuse(wrong: Tensor, what: str, fix: str) -> None:
@@ -99,8 +100,15 @@ def _merged(poses: Tensor, descriptors: Tensor, first: Tensor) -> tuple[Tensor, 
     return poses[kept], (total / torch.bincount(group)[:, None]).float()
 
 
-def _mean(descriptors: Tensor) -> Tensor:
-    total = torch.zeros(descriptors.shape[1], dtype=torch.float64)
-    for rows in descriptors.split(BLOCK):
-        total += rows.sum(dim=0, dtype=torch.float64)
-    return (total / len(descriptors)).float()
+def mean_of_blocks(blocks: Iterable[Float32[Tensor, "_ d"]]) -> Float32[Tensor, " d"]:
+    """The mean of all rows; the same however they are stored, if they come in blocks of ``BLOCK`` of them.
+
+    Raises:
+        ValueError: there is no block.
+    """
+    total, count = torch.zeros((), dtype=torch.float64), 0
+    for rows in blocks:
+        total, count = total + rows.sum(dim=0, dtype=torch.float64), count + len(rows)
+    if not count:
+        raise ValueError("there is nothing to take the mean of")
+    return (total / count).float()

@@ -9,12 +9,17 @@ density over the map's bounding box, most of which may be houses.
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float64, Int64
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
+
+#: positions nearer to each other are taken to be so far apart
+LEAST_SPACING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -63,3 +68,13 @@ class MapPrior:
         poses = self.poses[rows]
         noise = torch.randn(poses.shape, generator=generator, dtype=poses.dtype, device=poses.device)
         return se2_compose(poses, noise * poses.new_tensor(self.sigmas))
+
+
+def half_spacing(poses: Float64[Tensor, "n 3"]) -> float:
+    """Half the median distance from a position of a map to the next: what a prior that leaves no gaps is as wide as.
+
+    Images at one position count once; of a map of one position it is 0.5.
+    """
+    positions = np.unique(poses[:, :2].numpy(), axis=0)
+    apart = cKDTree(positions).query(positions, k=[2])[0][:, 0] if len(positions) > 1 else np.ones(1)
+    return max(float(np.median(apart)), LEAST_SPACING) / 2

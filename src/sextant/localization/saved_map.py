@@ -5,28 +5,27 @@ A folder holds ``map.json`` and one ``.npy`` file for each array: ``poses``, ``d
 folder in which writing was broken off is not taken for a map. Nothing is pickled.
 """
 
-import hashlib
 import re
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
-from numpy import ndarray
 from torch import Tensor
 
-from sextant.atomic_files import read_json, write_atomically, write_json
-from sextant.errors import UserError
+from sextant.array_folder import FolderFormat, file_sha256
+from sextant.atomic_files import write_atomically, write_json
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import MODELS, ObservationModel, observation_model
 from sextant.localization.observation.model import stored
 from sextant.localization.pose_kernel import PoseKernel
 
-FORMAT, VERSION = "sextant.localization_map", 1
 HEADER = "map.json"
+KIND = FolderFormat("a map", "sextant.localization_map", 1, HEADER)
 #: Files of fewer bytes are read, not mapped.
 SMALL = 2**16
 _NAME = re.compile(r"(state/)?[A-Za-z_][A-Za-z0-9_]*")
@@ -64,15 +63,37 @@ def save_map(folder: Path, model: ObservationModel, likelihood: Likelihood, fact
     tensors = known | {f"state/{name}": tensor for name, tensor in model.state().items()}
     for name, tensor in tensors.items():
         array = tensor.detach().cpu().contiguous().numpy()
-        write_atomically(_path(folder, name), partial(np.save, arr=array, allow_pickle=False))
+        write_atomically(array_path(folder, name), partial(np.save, arr=array, allow_pickle=False))
+    write_header(folder, model, model.kernel, likelihood, facts, tensors)
+
+
+def write_header(
+    folder: Path,
+    model: ObservationModel,
+    kernel: PoseKernel,
+    likelihood: Likelihood,
+    facts: dict[str, Any],
+    arrays: Iterable[str],
+) -> None:
+    """Make a map of a folder in which all arrays lie, by hashing them.
+
+    Args:
+        folder: with :func:`array_path` of every array.
+        model: its class and arguments are told; it need not be fitted.
+        kernel, likelihood, facts: as for :func:`save_map`.
+        arrays: names of all of them.
+
+    Raises:
+        OSError: an array is missing, or the folder cannot be written.
+    """
     header = {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": KIND.format,
+        "version": KIND.version,
         "model": {"class": type(model).__name__, "arguments": model.arguments()},
-        "kernel": asdict(model.kernel),
+        "kernel": asdict(kernel),
         "likelihood": asdict(likelihood),
         "facts": facts,
-        "files": {name: _mark(_path(folder, name)) for name in tensors},
+        "files": {name: _mark(array_path(folder, name)) for name in arrays},
     }
     write_json(folder / HEADER, header)
 
@@ -96,7 +117,7 @@ def load_map(folder: Path, *, verify: bool = True) -> SavedMap:
         state = {name.removeprefix("state/"): tensor for name, tensor in tensors.items() if name.startswith("state/")}
         model.load_state(_map(tensors), kernel, state)
     except (TypeError, ValueError, KeyError) as error:
-        raise _damaged(folder, f"{HEADER} and the arrays do not make a map: {error}") from error
+        raise KIND.damaged(folder, f"{HEADER} and the arrays do not make a map: {error}") from error
     return SavedMap(model, likelihood, header["facts"])
 
 
@@ -110,49 +131,34 @@ def _map(tensors: dict[str, Tensor]) -> DescriptorMap:
 
 
 def _header(folder: Path) -> dict[str, Any]:
-    path = folder / HEADER
-    if not path.is_file():
-        there = "there is no such folder" if not folder.is_dir() else f"the folder has no {HEADER}"
-        raise UserError(f"{folder} is not a saved map: {there}", "Name the folder that a map was saved to.")
-    header = read_json(path)
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise UserError(f"{path} is not the header of a map: its format is not {FORMAT!r}", "Name another folder.")
-    if header.get("version") != VERSION:
-        raise UserError(
-            f"{path} has version {header.get('version')!r}; this program reads version {VERSION}",
-            "Build the map anew from its images.",
-        )
+    header = KIND.read_header(folder)
     if not all(isinstance(header.get(key), dict) for key in ("model", "kernel", "likelihood", "facts", "files")):
-        raise _damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
+        raise KIND.damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
     if header["model"].get("class") not in MODELS:
-        raise _damaged(folder, f"{HEADER} names the model {header['model'].get('class')!r}, which is none")
+        raise KIND.damaged(folder, f"{HEADER} names the model {header['model'].get('class')!r}, which is none")
     for name, mark in header["files"].items():
         if not _NAME.fullmatch(name) or not isinstance(mark, dict):
-            raise _damaged(folder, f"{HEADER} names a file {name!r}, which no map has")
+            raise KIND.damaged(folder, f"{HEADER} names a file {name!r}, which no map has")
+        if type(mark.get("bytes")) is not int or not isinstance(mark.get("sha256"), str):
+            raise KIND.damaged(folder, f"{HEADER} does not tell size and hash of {name}")
     return header
 
 
 def _tensor(folder: Path, name: str, mark: dict[str, Any], verify: bool) -> Tensor:
-    path = _path(folder, name)
+    # copy-on-write: nothing that is written into it reaches the file
+    mapped: Literal["c"] | None = None if mark["bytes"] < SMALL else "c"
+    sha256 = mark["sha256"] if verify else None
+    array = KIND.open_array(folder, array_path(folder, name), mapped, sha256=sha256, size=mark["bytes"])
     try:
-        if path.stat().st_size != mark.get("bytes"):
-            raise _damaged(folder, f"{path} has {path.stat().st_size} bytes; {mark.get('bytes')} were written")
-        if verify and _mark(path) != mark:  # before anything of it is interpreted
-            raise _damaged(folder, f"{path} is not the file that {HEADER} was written for")
-        array: ndarray = np.load(path, mmap_mode=None if path.stat().st_size < SMALL else "c", allow_pickle=False)
-        return torch.from_numpy(array)  # mapped copy-on-write: nothing that is written into it reaches the file
-    except (OSError, ValueError, TypeError, EOFError) as error:
-        raise _damaged(folder, f"{path} cannot be read: {error}") from error
+        return torch.from_numpy(array)
+    except TypeError as error:
+        raise KIND.damaged(folder, f"{name} is no array of numbers: {error}") from error
 
 
-def _path(folder: Path, name: str) -> Path:
+def array_path(folder: Path, name: str) -> Path:
+    """Where an array lies."""
     return folder / f"{name}.npy"
 
 
 def _mark(path: Path) -> dict[str, Any]:
-    with path.open("rb") as file:
-        return {"bytes": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
-
-
-def _damaged(folder: Path, how: str) -> UserError:
-    return UserError(f"the map in {folder} is damaged: {how}", "Build it anew from its images, or copy it again.")
+    return {"bytes": path.stat().st_size, "sha256": file_sha256(path)}

@@ -28,6 +28,8 @@ class Measure:
         diverged: when a run counts as diverged, for the reader.
         digits: behind the point.
         items: what a run is tested on, of which each has a value.
+        metrics: that a report tabulates beside it, unless the sweep names others; see
+            :mod:`~sextant.reports.metric`.
     """
 
     title: str
@@ -38,6 +40,7 @@ class Measure:
     diverged: str
     digits: int = 2
     items: str = "images"
+    metrics: tuple[str, ...] = ()
 
     def of_published(self, accuracy: float) -> float:
         """A published figure in this measure's unit; sweeps give those of classifiers as accuracies in per cent."""
@@ -93,6 +96,12 @@ SUCCESS = Measure(
     "its posterior over the map's images is no likelier to be right on the validation drives than a uniform one",
     digits=1,
     items="runs along drives",
+    metrics=(
+        *("success", "frames_to_converge_median", "recovered", "frames_to_recover_median", "tracking"),
+        *("position_error_median", "heading_error_deg_median", "pose_nll", "nees_median", "coverage_95", "ess"),
+        *("descriptor_nll", "us_per_particle", "ms_per_image", "ms_per_step_of_all_runs"),
+        *("fit_map_s", "model_mb", "peak_memory_mb"),
+    ),
 )
 #: how the arrays of a localizer are named that tell which of its runs along the test drives knew where they were
 LOCALIZED = "success/"

@@ -33,6 +33,7 @@ class CellResult:
         measure: what the values are.
         errors: by corruption and severity, of a run tested under a published set.
         cost: of the network, as the run's ``metrics.json`` has it; empty if it says nothing.
+        metrics: what else it measured, by name; without what was not finite.
     """
 
     cell: Cell
@@ -43,6 +44,7 @@ class CellResult:
     measure: Measure = ACCURACY
     errors: CorruptionErrors | None = None
     cost: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Mapping[str, float] = field(default_factory=dict)
 
     def value(self, condition: str) -> float:
         """The number of this run under a condition."""
@@ -133,6 +135,7 @@ def _load(cell: Cell, run: RunDirectory, shared: SharedSet | None) -> CellResult
         measure=found.measure,
         errors=found.errors,
         cost=results.get("cost") or {},
+        metrics={name: value for name, value in (results.get("metrics") or {}).items() if value is not None},
     )
 
 

@@ -14,6 +14,7 @@ from sextant.figures.style import save_figure
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
+from sextant.reports.metrics_report import metrics_section
 from sextant.reports.particles_report import particles_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
@@ -28,13 +29,16 @@ def write_report(results: SweepResults) -> list[Path]:
     Returns:
         The files: ``report.md``, ``cells.csv``, ``contrasts.csv``, ``cells.tex``, ``contrasts.tex``, ``cost.csv``,
         those of a published set of corruptions if the runs were tested under one, those of particle counts if several
-        were tried, figures.
+        were tried, ``metrics.csv`` if the runs tell of metrics beside their measure, figures.
     """
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)
     cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
-    sections = [corruption_section(results), particles_section(results), cost_section(results)]
+    sections = [
+        *(corruption_section(results), particles_section(results)),
+        *(metrics_section(results), cost_section(results)),
+    ]
     texts = {
         "report.md": _markdown(results, summaries, cells, compared, rows, sections),
         "cells.csv": _csv([asdict(summary) for summary in summaries]),

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,6 +48,13 @@ def interval(low: float, high: float, digits: int = 2, sign: bool = False) -> st
     if low != low or high != high:
         return "–"
     return f"[{number(low, digits, sign)}, {number(high, digits, sign)}]"
+
+
+def decimals(value: float, digits: int = 3) -> int:
+    """How many decimals show at least so many significant digits of a number."""
+    if value == 0 or not math.isfinite(value):
+        return digits - 1
+    return max(0, digits - 1 - math.floor(math.log10(abs(value))))
 
 
 def slug(name: str) -> str:

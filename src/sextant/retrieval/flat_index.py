@@ -6,7 +6,6 @@ with a vector costs; picking the best costs little beside it. See :mod:`sextant.
 On disk an index is a folder of ``descriptors.npy``, which is mapped into memory, and ``index.json``.
 """
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -15,12 +14,12 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from sextant.atomic_files import read_json, write_atomically, write_json
-from sextant.errors import UserError
+from sextant.array_folder import FolderFormat, file_sha256
+from sextant.atomic_files import write_atomically, write_json
 from sextant.retrieval.nearest import Neighbours, PreparedReferences, Similarity, prepare_references, search_prepared
 
-FORMAT, VERSION = "sextant.flat_index", 1
 DESCRIPTORS, HEADER = "descriptors.npy", "index.json"
+KIND = FolderFormat("an index", "sextant.flat_index", 1, HEADER)
 
 
 class FlatIndex:
@@ -91,12 +90,12 @@ class FlatIndex:
         write_atomically(folder / DESCRIPTORS, lambda file: np.save(file, self.references.rows, allow_pickle=False))
         # written last: without it, and with one that tells of other descriptors, the folder is not taken for an index
         header = {
-            "format": FORMAT,
-            "version": VERSION,
+            "format": KIND.format,
+            "version": KIND.version,
             "similarity": self.similarity,
             "count": len(self),
             "dimension": self.dimension,
-            "sha256": _digest(folder / DESCRIPTORS),
+            "sha256": file_sha256(folder / DESCRIPTORS),
             "names": None if self.names is None else list(self.names),
         }
         write_json(folder / HEADER, header)
@@ -110,49 +109,26 @@ class FlatIndex:
         """
         header = _header(folder)
         path = folder / DESCRIPTORS
-        try:
-            if _digest(path) != header["sha256"]:  # before anything of it is interpreted
-                raise _damaged(folder, f"{path.name} is not the file that {HEADER} was written for")
-            rows = np.load(path, mmap_mode="r", allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise _damaged(folder, f"{path.name} cannot be read: {error}") from error
+        rows = KIND.open_array(folder, path, "r", sha256=header["sha256"])
         if rows.dtype != np.float32 or rows.shape != (header["count"], header["dimension"]):
             told = f"{header['count']} x {header['dimension']}"
-            raise _damaged(folder, f"{path.name} holds {rows.dtype} {rows.shape}, but {HEADER} tells of {told} float32")
+            raise KIND.damaged(
+                folder, f"{path.name} holds {rows.dtype} {rows.shape}, but {HEADER} tells of {told} float32"
+            )
         index = cls.__new__(cls)
         try:
             index._take(prepare_references(rows, header["similarity"], unit=True), header["names"])
         except ValueError as error:
-            raise _damaged(folder, str(error)) from error
+            raise KIND.damaged(folder, str(error)) from error
         return index
 
 
 def _header(folder: Path) -> dict[str, Any]:
-    path = folder / HEADER
-    if not path.is_file():
-        there = "there is no such folder" if not folder.is_dir() else f"the folder has no {HEADER}"
-        raise UserError(f"{folder} is not a saved index: {there}", "Name the folder that an index was saved to.")
-    header = read_json(path)
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise UserError(f"{path} is not the header of an index: its format is not {FORMAT!r}", "Name another folder.")
-    if header.get("version") != VERSION:
-        raise UserError(
-            f"{path} has version {header.get('version')!r}; this program reads version {VERSION}",
-            "Build the index anew from its images.",
-        )
+    header = KIND.read_header(folder)
     names = header.get("names", ())
     good = header.get("similarity") in ("cosine", "euclidean") and all(
         type(header.get(key)) is kind for key, kind in (("count", int), ("dimension", int), ("sha256", str))
     )
     if not good or not (names is None or (isinstance(names, list) and all(isinstance(name, str) for name in names))):
-        raise _damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
+        raise KIND.damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
     return header
-
-
-def _damaged(folder: Path, how: str) -> UserError:
-    return UserError(f"the index in {folder} is damaged: {how}", "Build it anew from its images, or copy it again.")
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,6 +1,7 @@
 """Localization by a laser in an occupancy grid: the rival of chapter 4, in the same filter. Nothing is trained."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from sextant.localization.laser import BeamModel, LikelihoodField
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observers import Laser, Observer
 from sextant.tasks.localization_validation import protocol_of, same_place, validation_rows
+from sextant.tasks.sensor_measures import sensor_cost
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import OccupancyGrid, occupancy_from_scans
 
@@ -96,6 +98,12 @@ class LaserLocalization(pl.LightningModule):
         """Make the grid, and give what makes the laser of a drive in it."""
         model, references = self._model(data, as_it_is, self.fitted.item()), torch.from_numpy(as_it_is.poses)
         return lambda driven: Laser(model, _scans(driven), references)
+
+    def sensor_measures(self, data: LocalizationDataModule) -> dict[str, float]:
+        """What a scan costs, as for images; its likelihood is no density of a descriptor."""
+        drives = data.drives
+        observer = self.observers(data, drives.map, drives.map)(drives.test[0])
+        return asdict(sensor_cost(observer, drives.test[0], protocol_of(drives)))
 
     def validation_step(self, batch: Tensor, batch_idx: int) -> None:
         """Log how likely the posterior over the map's poses is to be right, and the tempering."""

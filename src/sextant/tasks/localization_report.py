@@ -1,7 +1,6 @@
 """What the runs of a localization test show: arrays by run, metrics, a table, figures, and files to look at."""
 
 import math
-import resource
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ from sextant.evaluation.pose_posterior import PLANE, RAILWAY, nees, pose_errors,
 from sextant.evaluation.protocols import RECOVERY_HORIZON, LocalizationProtocol
 from sextant.tasks.localization_test import Outcome, Trial
 from sextant.tasks.localization_validation import protocol_of
+from sextant.tasks.peak_memory import peak_memory_mb
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -138,7 +138,7 @@ def metrics(found: Mapping[str, Judged], data: LocalizationData) -> dict[str, fl
         told = _figures(judged, dof)
         values |= {f"test/{protocol.name(figure)}/{key}": value for figure, value in told.items() if value == value}
     values["test/success"] = float(np.mean([judged.found.mean() for judged in found.values()]))
-    values["test/peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    values["test/peak_memory_mb"] = peak_memory_mb()
     return values
 
 
@@ -280,7 +280,8 @@ def write_replays(found: Mapping[str, Judged], data: LocalizationData, folder: P
             )
             for step in range(length)
         )
-        particle_replay(data.map.poses[:, :2], frames, folder / f"replay_{_file(name)}.gif")
+        path = folder / f"replay_{_file(name)}.gif"
+        particle_replay(data.map.poses[:, :2], frames, path, unit=data.unit)
 
 
 def _file(name: str) -> str:

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from sextant.cli.compose import conf_dir
 from sextant.config.schema.faults import Fault as FaultSchema
 from sextant.data.localization import LocalizationData, faults
 from sextant.data.localization.motions import motions_along
 from sextant.errors import UserError
+from sextant.runs.outputs_folder import conf_dir
 
 KINDS = [
     faults.NoFault(),

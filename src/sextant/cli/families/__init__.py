@@ -17,6 +17,10 @@ def family_of(task: str) -> Family:
         from sextant.cli.families.localization import LocalizationFamily
 
         return LocalizationFamily()
+    if task == "cosfire":
+        from sextant.cli.families.cosfire import CosfireFamily
+
+        return CosfireFamily()
     from sextant.cli.families.classification import ClassificationFamily
 
     return ClassificationFamily()

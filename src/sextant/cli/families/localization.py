@@ -155,6 +155,8 @@ class LocalizationFamily(Family):
             outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress))
         trials = [outcome.trial for outcome in outcomes]
         found = {report.name_of(o.trial, trials): report.judge(o, data.drives) for o in outcomes}
+        told = report.metrics(found, data.drives)  # before anything that is measured for itself adds to the peak memory
+        told |= {f"test/{name}": value for name, value in module.sensor_measures(data).items() if value == value}
         files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}
         if settings.replay:
             files["figures"] = partial(report.write_replays, found, data.drives)
@@ -166,7 +168,7 @@ class LocalizationFamily(Family):
         return TestRecord(
             report.arrays(found),
             report.figures(found, data.drives),
-            report.metrics(found, data.drives),
+            told,
             report.table(found),
             facts={
                 **report.facts(found, protocol_of(data.drives)),
@@ -212,14 +214,13 @@ def test_settings(raw: Mapping[str, Any], config: Config, data: "LocalizationDat
 
 
 def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, float, float]:
-    """Standard deviations of poses drawn about an image of the map: half the median distance to the next position."""
-    import numpy as np
-    from scipy.spatial import cKDTree
+    """Standard deviations of poses drawn about an image of the map: as given, or from how far its images are apart."""
+    import torch
+
+    from sextant.localization.map_prior import half_spacing
 
     assert config.filter is not None
-    positions = np.unique(data.drives.map.poses[:, :2], axis=0)
-    apart = cKDTree(positions).query(positions, k=2)[0][:, 1] if len(positions) > 1 else np.ones(1)
-    position = config.filter.spread_position or max(float(np.median(apart)), 1e-6) / 2
+    position = config.filter.spread_position or half_spacing(torch.from_numpy(data.drives.map.poses))
     heading = config.filter.spread_heading_deg
     if data.drives.unit == "frames":
         return position, 0.0, 0.0

@@ -95,7 +95,7 @@ class PlaceRecognitionFamily(Family):
 
     def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
         """The module of place recognition."""
-        from sextant.models import FeatureMap, PlaceNet
+        from sextant.tasks.place_network import place_network
         from sextant.tasks.place_recognition import PlaceRecognition, PlaceSpec
         from sextant.tasks.place_whitening import Whitening
 
@@ -103,20 +103,8 @@ class PlaceRecognitionFamily(Family):
             raise UserError(
                 "corruption: task=place_recognition tests under the conditions of its dataset", "corruption=none"
             )
-        task, size = raw["task"], (spec["height"], spec["width"])
-        backbone = build(raw, "backbone", in_channels=spec["channels"], image_size=size, num_classes=task["dimension"])
-        try:
-            features = FeatureMap(backbone, spec["channels"], size, layer=task["layer"])
-            features = build(raw, "inhibition")(features)
-        except ValueError as error:
-            raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
-        network = PlaceNet(
-            features,
-            build(raw, "pooling", channels=features.channels, size=features.size),
-            task["dimension"],
-            normalise=task["normalise"],
-            in_channels=spec["channels"],
-        )
+        task = raw["task"]
+        network = place_network(raw, spec, partial(build, raw))
         if training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
             raise UserError(
                 f"task.whitening: the pooling gives {network.pooling.features} numbers, and task.dimension="
@@ -125,7 +113,7 @@ class PlaceRecognitionFamily(Family):
             )
         return PlaceRecognition(
             network,
-            PlaceSpec(spec["channels"], *size),
+            PlaceSpec(spec["channels"], spec["height"], spec["width"]),
             build(raw, "loss"),
             build(raw, "mining"),
             seed=raw["seed"],

@@ -1,1 +1,1 @@
-"""Localizing the user's own images: what a map keeps beside its model, and ``predict.py`` for task=localization."""
+"""Localizing the user's own images: ``predict.py`` for task=localization, and the map that a run keeps for it."""

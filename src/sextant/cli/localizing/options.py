@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 from sextant.atomic_files import read_json
-from sextant.cli.resolve import resolve_run
 from sextant.errors import UserError
+from sextant.runs.resolve import resolve_run
 
 KEYS = {
     "odometry": "TUM trajectory, or table x,y,theta (m, rad) with a row an image; without it motion is unknown",

@@ -1,6 +1,8 @@
 """From photos or a video to where each was taken."""
 
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +58,12 @@ def predict_poses(
     positions = localizer.model.map.poses[:, :2].numpy()
     with telling_write_errors(output):
         write_poses(rows, _times(frames, odometry), output)
-        draw_trajectory(rows, positions, output)
+        draw_trajectory(rows, positions, output, localizer.unit)
         written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
         if options.replay != "none":
-            written.append(_animation(replay, rows, positions, output, options.replay, remarks))
+            written.append(
+                _animation(partial(replay.write, rows, positions, unit=localizer.unit), output, options.replay, remarks)
+            )
     _tell(rows, remarks, written)
     return rows
 
@@ -98,19 +102,17 @@ def _times(frames: Photos | Video, odometry: OdometryFile | None) -> np.ndarray:
     return np.arange(len(frames), dtype=np.float64)
 
 
-def _animation(
-    replay: Replay, rows: list[Row], positions: np.ndarray, output: Path, kind: str, remarks: list[str]
-) -> Path:
+def _animation(write: Callable[[Path], None], output: Path, kind: str, remarks: list[str]) -> Path:
     path = output / f"replay.{kind}"
     with work_progress("drawing the replay", "frames"):
         try:
-            replay.write(rows, positions, path)
+            write(path)
         except UserError as error:
             if kind == "gif":
                 raise
             remarks.append(f"{error.problem}: a GIF was written")
             path = path.with_suffix(".gif")
-            replay.write(rows, positions, path)
+            write(path)
     return path
 
 

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 from sextant.cli.descriptors import BaselineDescriber
-from sextant.cli.localizing.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
-from sextant.cli.resolve import resolve_run
 from sextant.errors import UserError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localizer import Localizer
+from sextant.localizer_files.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
+from sextant.runs.resolve import resolve_run
 from sextant.tasks.localization_validation import protocol_of
 
 if TYPE_CHECKING:

@@ -52,8 +52,8 @@ class Replay:
             self.stride *= 2
             self.kept = [frame for frame in self.kept if frame[0] % self.stride == 0]
 
-    def write(self, rows: Sequence[Row], positions: Float64[ndarray, "n 2"], path: Path) -> None:
-        """Write the animation.
+    def write(self, rows: Sequence[Row], positions: Float64[ndarray, "n 2"], path: Path, unit: str = "m") -> None:
+        """Write the animation; ``unit`` is that of positions.
 
         Raises:
             UserError: OpenCV cannot write MP4 here.
@@ -68,7 +68,7 @@ class Replay:
             )
             for step, poses, weights in self.kept
         )
-        particle_replay(positions, frames, path)
+        particle_replay(positions, frames, path, unit=unit)
 
 
 def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Path) -> None:
@@ -87,10 +87,10 @@ def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Pat
     write_tum(output / "trajectory.tum", times_s, np.stack([row.told.pose for row in rows]))
 
 
-def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], output: Path) -> None:
+def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], output: Path, unit: str = "m") -> None:
     """``trajectory.png``: the way over the map; where the localizer says that it is lost, dots without a line."""
     figure, (axes,) = new_figure(6.0, map_height(positions, 6.0))
-    draw_map(axes, positions)
+    draw_map(axes, positions, unit)
     figure.legends.clear()
     way = np.stack([row.told.pose[:2] for row in rows])
     lost = np.array([row.told.lost for row in rows])

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from sextant.cli.resolve import FoundRun, resolve_run
+from sextant.runs.resolve import FoundRun, resolve_run
 
 #: the test fits one temperature and tells it under the protocol of every condition
 TEMPERATURE = "test/place_temperature_"

@@ -5,6 +5,19 @@ everywhere: its arguments are then checked against its signature when it is buil
 """
 
 from sextant.config.schema.run import Config
-from sextant.config.schema.tasks import CalibrationTask, ClassificationTask, LocalizationTask, PlaceRecognitionTask
+from sextant.config.schema.tasks import (
+    CalibrationTask,
+    ClassificationTask,
+    CosfireTask,
+    LocalizationTask,
+    PlaceRecognitionTask,
+)
 
-__all__ = ["CalibrationTask", "ClassificationTask", "Config", "LocalizationTask", "PlaceRecognitionTask"]
+__all__ = [
+    "CalibrationTask",
+    "ClassificationTask",
+    "Config",
+    "CosfireTask",
+    "LocalizationTask",
+    "PlaceRecognitionTask",
+]

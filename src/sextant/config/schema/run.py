@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from sextant.config.schema.augmentations import Augmentation
 from sextant.config.schema.cameras import BearingLoss, Parameterization, ParameterLoss, Sampling
 from sextant.config.schema.corruptions import CorruptionSuite, TestConditions
+from sextant.config.schema.cosfire import Bank, Features, Filters, Strategy
 from sextant.config.schema.datasets import Dataset
 from sextant.config.schema.environment import Paths, Tracking, Trainer
 from sextant.config.schema.faults import Fault, FaultSuite
@@ -27,23 +28,21 @@ from sextant.config.schema.places import PLACE_LOSSES, Mining, Pooling
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task
 
-#: groups that only some tasks use; those tasks need them, but for the ones that may be left out
+#: groups that only some tasks use: which may have them, and which need them
 NETWORKS = ("classification", "calibration", "place_recognition")
-OWNED = {
-    "backbone": (NETWORKS, True),
-    "inhibition": (NETWORKS, True),
-    "augmentation": (("classification",), False),
-    "parameterization": (("calibration",), True),
-    "loss": (("calibration", "place_recognition"), True),
-    "sampling": (("calibration",), True),
-    "test_sampling": (("calibration",), False),
-    "pooling": (("place_recognition",), True),
-    "mining": (("place_recognition",), True),
-    "faults": (("localization",), False),
+OWNED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    **dict.fromkeys(("backbone", "inhibition"), ((*NETWORKS, "cosfire"), NETWORKS)),
+    "augmentation": (("classification", "cosfire"), ()),
+    "loss": (LEARNT := ("calibration", "place_recognition"), LEARNT),
+    **dict.fromkeys(("parameterization", "sampling"), (CALIBRATION := ("calibration",), CALIBRATION)),
+    "test_sampling": (CALIBRATION, ()),
+    **dict.fromkeys(("pooling", "mining"), (PLACES := ("place_recognition",), PLACES)),
+    "faults": (LOCALIZATION := ("localization",), ()),
     **dict.fromkeys(
         ("descriptor", "kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault"),
-        (("localization",), True),
+        (LOCALIZATION, LOCALIZATION),
     ),
+    **dict.fromkeys(("features", "bank", "strategy", "filters"), (COSFIRE := ("cosfire",), COSFIRE)),
 }
 #: losses of the tasks that have a choice of them
 LOSSES_OF: dict[str, tuple[type[Part], ...]] = {
@@ -81,6 +80,10 @@ class Config(Node):
     recovery: Recovery | None = None
     fault: Fault | None = None
     faults: FaultSuite | None = None
+    features: Features | None = None
+    bank: Bank | None = None
+    strategy: Strategy | None = None
+    filters: Filters | None = None
     seed: Seed = Field(examples=[0])
     init_from: str | None
     reuse: Literal["exact", "any_code"]
@@ -88,10 +91,10 @@ class Config(Node):
 
     @model_validator(mode="after")
     def _groups_belong_to_the_task(self) -> Self:
-        for name, (tasks, needed) in OWNED.items():
+        for name, (tasks, needing) in OWNED.items():
             if self.task.name not in tasks and getattr(self, name) is not None:
                 raise ValueError(f"{name} belongs to task={' or '.join(tasks)}; leave it out, or choose that task")
-            if self.task.name in tasks and needed and getattr(self, name) is None:
+            if self.task.name in needing and getattr(self, name) is None:
                 raise ValueError(f"{name} is missing: task={self.task.name} needs one")
         if self.loss is not None and not isinstance(self.loss, LOSSES_OF[self.task.name]):
             raise ValueError(f"loss={self.loss.target} is not one of task={self.task.name}")
@@ -104,5 +107,5 @@ class Config(Node):
             parts += self.corruption.corruptions.values()
         networks = (self.backbone, self.inhibition, self.loss, self.augmentation, self.pooling, self.mining)
         localizers = (self.descriptor, self.observation, self.motion, self.recovery)
-        parts += [part for part in (*networks, *localizers) if part is not None]
+        parts += [part for part in (*networks, *localizers, self.bank, self.strategy) if part is not None]
         return [part.target for part in parts if isinstance(part, CustomPart)]

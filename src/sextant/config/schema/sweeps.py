@@ -49,6 +49,7 @@ class Sweep(Node):
     noise_floor: str | None = None
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
     interval: Literal["t", "bootstrap"] = "t"
+    metrics: list[str] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _contrasts_name_arms(self) -> Self:

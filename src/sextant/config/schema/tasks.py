@@ -8,6 +8,19 @@ from sextant.config.schema.parts import Count, Node, Positive, Seed, Share, dist
 from sextant.config.schema.places import OffTheShelf, PlaceAugmentation, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
 
+RecognitionMethod = Literal["cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
+
+
+def once(values: list[str]) -> list[str]:
+    """``values``, which must differ.
+
+    Raises:
+        ValueError: two are equal.
+    """
+    if len(set(values)) < len(values):
+        raise ValueError(f"values must differ, got {values}")
+    return values
+
 
 class ClassificationTask(Node):
     """Image classification."""
@@ -94,6 +107,29 @@ class LocalizationTask(Node):
     test_checkpoint: Literal["last"]
 
 
+class CosfireTask(Node):
+    """Recognition by filters that are configured from examples."""
+
+    name: Literal["cosfire"]
+    validation_fraction: Share = Field(examples=[0.1])
+    split_seed: Seed = Field(examples=[0])
+    images: Count | None = Field(examples=[10000])
+    novel_classes: Annotated[int, Field(ge=0, le=100_000)] = Field(examples=[5])
+    examples: Count | None = Field(examples=[20])
+    filters_per_class: Count = Field(examples=[10])
+    at: Literal["random", "centre"]
+    margin: Annotated[float, Field(ge=0, lt=0.5)] = Field(examples=[0.15])
+    least_parts: Count = Field(examples=[2])
+    methods: Annotated[list[RecognitionMethod], Field(min_length=1), AfterValidator(once)] = Field(
+        examples=["[cosfire_svm,full_svm]"]
+    )
+    prices: Annotated[list[Positive], Field(min_length=1), AfterValidator(distinct)] = Field(examples=["[0.01,0.1,1]"])
+    logarithms: bool
+    test_every: Count = Field(examples=[1])
+    test_checkpoint: Literal["last"]
+
+
 Task = Annotated[
-    ClassificationTask | CalibrationTask | PlaceRecognitionTask | LocalizationTask, Field(discriminator="name")
+    ClassificationTask | CalibrationTask | PlaceRecognitionTask | LocalizationTask | CosfireTask,
+    Field(discriminator="name"),
 ]

@@ -6,6 +6,7 @@ What needs torch (batches, augmentation) is imported from its own module: source
 from sextant.data.places.images import ImageRows, PlaceImages
 from sextant.data.places.nordland import Nordland
 from sextant.data.places.place_folders import PlaceFolders
+from sextant.data.places.scenes import Scenes
 from sextant.data.places.source import PlaceSource, as_place_source, rendered_place_source
 from sextant.data.places.splits import ConditionSplit, ConditionSplitSource, FrameRanges
 from sextant.data.places.tolerance import PlaceTolerance
@@ -20,6 +21,7 @@ __all__ = [
     "PlaceImages",
     "PlaceSource",
     "PlaceTolerance",
+    "Scenes",
     "as_place_source",
     "rendered_place_source",
 ]

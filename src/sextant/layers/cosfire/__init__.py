@@ -1,4 +1,4 @@
-"""COSFIRE filters, configured from one example: over Gabor filters, differences of Gaussians or features of networks."""
+"""COSFIRE filters, configured from one example, over Gabor filters, differences of Gaussians or networks' features."""
 
 from sextant.layers.cosfire.b_cosfire import BCosfire
 from sextant.layers.cosfire.bank import Bank

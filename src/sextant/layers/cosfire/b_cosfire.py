@@ -29,8 +29,9 @@ class BCosfire(nn.Module):
 
     def __init__(self, bar: Cosfire | None = None, end: Cosfire | None = None, bar_length: int = 201):
         super().__init__()
-        self.bar = bar or preset("vessel_drive")
-        self.end = end or preset("vessel_end_drive")
+        # a filter that is not configured yet counts as false
+        self.bar = preset("vessel_drive") if bar is None else bar
+        self.end = preset("vessel_end_drive") if end is None else end
         prototype = torch.zeros(1, bar_length, bar_length, dtype=torch.float64)
         prototype[:, :, bar_length // 2] = 1
         self.bar.configure(prototype)

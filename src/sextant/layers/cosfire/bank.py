@@ -6,6 +6,7 @@ from typing import Any
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.errors import UserError
 from sextant.layers.cosfire.tolerance import Move
 
 
@@ -15,9 +16,11 @@ class Bank(nn.Module, ABC):
     Attributes:
         steerable: whether a channel of a moved image can be told from that of the image (:meth:`moved`). Of what
             is not, a filter learns moved forms of its prototype from moved prototypes.
+        learnable: whether maps are differentiable in the numbers of a channel.
     """
 
     steerable: bool = False
+    learnable: bool = False
 
     @abstractmethod
     def grid(self) -> Float[Tensor, "k p"]:
@@ -28,8 +31,12 @@ class Bank(nn.Module, ABC):
         """What filters are configured from: a map for each channel of the grid, non-negative.
 
         Raises:
-            ValueError: the images have another number of channels than the bank takes.
+            UserError: the bank cannot take such images.
         """
+
+    def strongest(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b"]:
+        """The most that a channel of the grid answers anywhere in each image; thresholds are shares of it."""
+        return self.describe(images).amax((1, 2, 3))
 
     @abstractmethod
     def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u p"]) -> Float[Tensor, "b u y x"]:
@@ -51,6 +58,9 @@ class Bank(nn.Module, ABC):
 
 
 def check_grey(images: Tensor, name: str) -> None:
-    """Raise a ``ValueError`` unless the images have one channel."""
+    """Raise a ``UserError`` unless the images have one channel."""
     if images.shape[1] != 1:
-        raise ValueError(f"{name} takes grey images (b, 1, h, w), got {images.shape[1]} channels; average them first")
+        raise UserError(
+            f"{name} takes grey images (b, 1, h, w), got {images.shape[1]} channels",
+            "Average them: images.mean(1, keepdim=True).",
+        )

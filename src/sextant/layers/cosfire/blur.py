@@ -7,6 +7,7 @@ r"""Tolerance to where a part lies: it may be off by more, the farther it is fro
 Source: Azzopardi and Petkov 2013, section 2.4; published programs differ in how far a blur reaches.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,7 +31,7 @@ class Blur:
         border: how maps go on beyond their border; for ``max`` nothing does.
 
     Raises:
-        ValueError: a negative sigma0 or alpha, or an unknown kind.
+        ValueError: a negative sigma0, alpha or reach, or an unknown kind.
     """
 
     sigma0: float = 0.67
@@ -41,18 +42,18 @@ class Blur:
     border: Border = "zeros"
 
     def __post_init__(self) -> None:
-        if self.sigma0 < 0 or self.alpha < 0 or self.kind not in ("max", "sum"):
-            raise ValueError(f"blur needs sigma0, alpha >= 0 and kind max or sum; got {self}")
+        if min(self.sigma0, self.alpha, self.reach, self.fixed_reach or 0) < 0 or self.kind not in ("max", "sum"):
+            raise ValueError(f"blur needs sigma0, alpha and reach >= 0 and kind max or sum; got {self}")
 
     def __call__(self, maps: Float[Tensor, "*b h w"], sigma: float) -> Float[Tensor, "*b h w"]:
         """Maps blurred by one σ; 0 leaves them as they are."""
         if sigma == 0:
             return maps
+        reach = self.fixed_reach
+        if reach is None:
+            reach = _rounded(self.reach * sigma) if self.kind == "max" else _rounded(2 * self.reach * sigma) // 2
         if self.kind == "max":
-            return max_blur(
-                maps, sigma, self.fixed_reach if self.fixed_reach is not None else _rounded(self.reach * sigma)
-            )
-        reach = self.fixed_reach if self.fixed_reach is not None else _rounded(2 * self.reach * sigma) // 2
+            return max_blur(maps, sigma, reach)
         return gaussian_blur(maps, sigma, reach, self.border)
 
 
@@ -64,9 +65,8 @@ def max_blur(maps: Float[Tensor, "*b h w"], sigma: float, reach: int) -> Float[T
         margins = (reach, reach, 0, 0) if dim == -1 else (0, 0, reach, reach)
         wide = F.pad(maps, margins)
         for step in range(1, reach + 1):
-            weight = float(torch.exp(torch.tensor(-(step**2) / (2 * sigma**2), dtype=torch.float64)))
             sides = torch.maximum(wide.narrow(dim, reach - step, size), wide.narrow(dim, reach + step, size))
-            best = torch.maximum(best, sides * weight)
+            best = torch.maximum(best, sides * math.exp(-(step**2) / (2 * sigma**2)))
         maps = best
     return maps
 
@@ -75,7 +75,7 @@ def gaussian_blur(
     maps: Float[Tensor, "*b h w"], sigma: float, reach: int, border: Border = "zeros"
 ) -> Float[Tensor, "*b h w"]:
     """Convolution with a Gaussian cut off ``reach`` pixels from its centre and summing to one."""
-    return twice_convolved(padded(maps, (reach,) * 4, border), gaussian_line(sigma, reach))
+    return twice_convolved(padded(maps, reach, border), gaussian_line(sigma, reach))
 
 
 def twice_convolved(maps: Float[Tensor, "*b h w"], line: Float[Tensor, "s"]) -> Float[Tensor, "*b H W"]:

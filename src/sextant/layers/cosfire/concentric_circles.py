@@ -31,8 +31,8 @@ class ConcentricCircles(Strategy):
         t2: a channel is kept from this share of the strongest on.
         relative_to: which strongest: of the place (``place``, the paper) or of the whole example (``example``).
         apart_deg: peaks of a circle are at least so far apart; the stronger stays.
-        one_of: channels that agree in all but their first number (Gabor: the wavelength) count as rivals, of which
-            the strongest is kept; no such choice if False.
+        one_of: channels of several numbers that agree in all but the first (Gabor: the wavelength) count as rivals, of
+            which the strongest is kept; no such choice if False.
 
     Raises:
         ValueError: no radius, a negative one, or t2 outside [0, 1].
@@ -51,28 +51,23 @@ class ConcentricCircles(Strategy):
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:
         """Parts on the circles; see :meth:`Strategy.tuples`. Outside the maps there is nothing."""
         responses = maps.detach().double().cpu().numpy()
+        strongest = responses.max() if self.relative_to == "example" else None
         channels, rho, phi = [], [], []
         for radius in self.radii:
-            for degrees in [0] if radius == 0 else self._directions(responses, radius, point):
-                for channel in self._chosen(_at(responses, *_on_circle(point, radius, degrees)), responses, grid):
+            degrees = np.arange(1, 361) if radius else np.zeros(1)
+            seen = _on_circle(responses, point, radius, np.radians(degrees))
+            for direction in _circular_peaks(seen.max(0), self.apart_deg) if radius else [0]:
+                for channel in self._chosen(seen[:, direction], strongest, grid):
                     channels.append(channel)
                     rho.append(float(radius))
-                    phi.append(math.radians(degrees))
+                    phi.append(math.radians(degrees[direction]))
         return Tuples(grid[channels].double(), torch.tensor(rho).double(), torch.tensor(phi).double())
 
-    def _directions(self, responses: ndarray, radius: float, point: tuple[int, int]) -> list[int]:
-        """Degrees of the peaks of one circle, 1 to 360."""
-        circle = np.array([_at(responses, *_on_circle(point, radius, degrees)).max() for degrees in range(1, 361)])
-        if circle.min() == circle.max():
-            return []
-        return [index + 1 for index in _circular_peaks(circle, self.apart_deg)]
-
-    def _chosen(self, here: ndarray, responses: ndarray, grid: Tensor) -> list[int]:
-        strongest = here.max() if self.relative_to == "place" else responses.max()
-        if strongest <= 0:
-            return []
-        enough = [k for k in range(len(here)) if here[k] > 0 and here[k] >= self.t2 * strongest]
-        if not self.one_of:
+    def _chosen(self, here: ndarray, strongest: float | None, grid: Tensor) -> list[int]:
+        """The channels that are strong enough at one place."""
+        least = self.t2 * (here.max() if strongest is None else strongest)
+        enough = np.flatnonzero((here > 0) & (here >= least)).tolist()
+        if not self.one_of or grid.shape[1] == 1:
             return enough
         best: dict[tuple[float, ...], int] = {}
         for k in enough:
@@ -82,20 +77,18 @@ class ConcentricCircles(Strategy):
         return sorted(best.values())
 
 
-def _on_circle(point: tuple[int, int], radius: float, degrees: float) -> tuple[int, int]:
-    angle = math.radians(degrees)
-    return _rounded(point[0] - radius * math.sin(angle)), _rounded(point[1] + radius * math.cos(angle))
+def _on_circle(responses: ndarray, point: tuple[int, int], radius: float, angles: ndarray) -> ndarray:
+    """Responses (k, angles) at the pixels of a circle; 0 outside."""
+    rows = point[0] - _rounded(radius * np.sin(angles))
+    columns = point[1] + _rounded(radius * np.cos(angles))
+    height, width = responses.shape[1:]
+    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    return np.where(inside, responses[:, rows.clip(0, height - 1), columns.clip(0, width - 1)], 0.0)
 
 
-def _rounded(value: float) -> int:
-    value = round(value, 4)
-    return int(math.copysign(math.floor(abs(value) + 0.5), value))
-
-
-def _at(responses: ndarray, row: int, column: int) -> ndarray:
-    if 0 <= row < responses.shape[1] and 0 <= column < responses.shape[2]:
-        return np.asarray(responses[:, row, column])
-    return np.zeros(len(responses))
+def _rounded(values: ndarray) -> ndarray:
+    near = np.round(values, 4)
+    return np.copysign(np.floor(np.abs(near) + 0.5), near).astype(np.int64)
 
 
 def _circular_peaks(circle: ndarray, apart: float) -> list[int]:

@@ -11,8 +11,11 @@ by CNN-based COSFIRE filters", IEEE Access 7, 2019.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Literal, Self
+from collections.abc import Callable, Iterator
+from functools import reduce
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
 
 import torch
 from jaxtyping import Bool, Float
@@ -23,6 +26,7 @@ from sextant.layers.cosfire.bank import Bank
 from sextant.layers.cosfire.blur import Blur
 from sextant.layers.cosfire.border import Border, padded
 from sextant.layers.cosfire.concentric_circles import ConcentricCircles
+from sextant.layers.cosfire.filter_parts import FilterParts
 from sextant.layers.cosfire.maxima import log_maxima
 from sextant.layers.cosfire.mean import Mean, safe_log
 from sextant.layers.cosfire.moved_image import moved_image
@@ -32,11 +36,10 @@ from sextant.layers.cosfire.strategy import Strategy
 from sextant.layers.cosfire.tolerance import Move, Tolerance
 from sextant.layers.cosfire.tuples import Tuples, part_weights
 
-#: arrays of the parts in a state dict: rows of all filters' forms one after the other
-PARTS = ("channels", "rho", "phi", "weights", "form", "filter_of_form")
+Shift = Literal["whole", "bilinear"]
 
 
-class Cosfire(nn.Module):
+class Cosfire(FilterParts):
     """COSFIRE filters over one bank; :meth:`configure` adds one, calling it gives the responses of all.
 
     >>> filters = Cosfire(GaborBank()).configure(example, point=(20, 31))
@@ -57,21 +60,10 @@ class Cosfire(nn.Module):
         shift: to whole pixels, or ``bilinear`` between them (differentiable in ρ and φ).
         border: what lies beyond the border of the maps: nothing, or the opposite side (published MATLAB programs), ...
 
-    Attributes:
-        channels, rho, phi, weights: of the parts of all filters, one after the other.
-        form: the number of the form (a filter under one move) that each part belongs to.
-        filter_of_form: the number of its filter.
-
     Raises:
-        ValueError: ``least_weight``, ``t1``, ``t3`` or ``floor`` is out of range.
+        ValueError: ``least_weight``, ``t1``, ``t3`` or ``floor`` is out of range, or there is no such ``mean``,
+            ``shift`` or ``border``.
     """
-
-    channels: Tensor
-    rho: Tensor
-    phi: Tensor
-    weights: Tensor
-    form: Tensor
-    filter_of_form: Tensor
 
     def __init__(
         self,
@@ -85,70 +77,69 @@ class Cosfire(nn.Module):
         t1: float = 0.0,
         t3: float = 0.0,
         floor: float = 0.0,
-        shift: Literal["whole", "bilinear"] = "whole",
+        shift: Shift = "whole",
         border: Border = "zeros",
     ):
-        super().__init__()
+        super().__init__(bank.grid().shape[1])
         if not 0 < least_weight <= 1 or not 0 <= t1 <= 1 or not 0 <= t3 <= 1 or floor < 0:
             raise ValueError(
                 f"least_weight must be in (0, 1], t1 and t3 in [0, 1] and floor >= 0; got "
                 f"{least_weight}, {t1}, {t3}, {floor}"
             )
+        for name, value, known in (("mean", mean, Mean), ("shift", shift, Shift), ("border", border, Border)):
+            if value not in get_args(known):
+                raise ValueError(f"{name} must be one of {', '.join(get_args(known))}; got {value!r}")
         self.bank, self.strategy = bank, strategy or ConcentricCircles()
         self.blur, self.tolerance = blur or Blur(), tolerance or Tolerance()
         self.mean: Mean = mean
         self.least_weight, self.t1, self.t3, self.floor = least_weight, t1, t3, floor
         self.shift, self.border = shift, border
-        for name in ("rho", "phi", "weights"):
-            self.register_buffer(name, torch.zeros(0, dtype=torch.float64))
-        self.register_buffer("channels", torch.zeros(0, bank.grid().shape[1], dtype=torch.float64))
-        self.register_buffer("form", torch.zeros(0, dtype=torch.int64))
-        self.register_buffer("filter_of_form", torch.zeros(0, dtype=torch.int64))
-        self._kept_plan: Plan | None = None
-
-    def __len__(self) -> int:
-        return int(self.filter_of_form.max()) + 1 if len(self.filter_of_form) else 0
 
     def configure(self, example: Float[Tensor, "*one c h w"], point: tuple[float, float] | None = None) -> Self:
         """Add a filter that answers to what ``example`` shows at ``point``.
 
         Args:
             example: one image.
-            point: x and y in its pixels; None is its middle.
+            point: x and y in its pixels; None is the pixel in its middle.
 
         Raises:
-            UserError: the point lies outside, or there is nothing at it that a filter could be made of.
+            UserError: the point lies outside, there is nothing at it that a filter could be made of, or the bank
+                cannot take such an image.
         """
-        image = example.reshape(-1, *example.shape[-2:])[None]
+        if example.shape[:-3].numel() != 1:
+            raise UserError(
+                f"a prototype is one image, got {tuple(example.shape)}", "Call configure for one after the other."
+            )
+        image = _checked(example.reshape(1, -1, *example.shape[-2:]))
         height, width = image.shape[-2:]
-        x, y = ((width - 1) / 2, (height - 1) / 2) if point is None else point
+        x, y = (width // 2, height // 2) if point is None else point
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise UserError(
                 f"point=({x:g},{y:g}) lies outside the prototype of {width}x{height} pixels",
                 f"Choose x from 0 to {width - 1} and y from 0 to {height - 1}.",
             )
-        if float(image.min()) == float(image.max()):
+        if not image.isfinite().all():
+            raise UserError("the prototype has values that are not finite", "Choose another image, or mend this one.")
+        if (image.amin((2, 3)) == image.amax((2, 3))).all():
             raise UserError(
                 "the prototype is of one colour: there is nothing to configure a filter from", "Choose another image."
             )
         with torch.no_grad():
             forms = list(self._forms(image, (x, y)))
-        self._append(forms)
+        self._append(forms, self.least_weight)
         return self
 
     def forward(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b n y x"]:
         """Responses of all n filters; y and x are those of the bank's maps.
 
         Raises:
-            UserError: no filter is configured.
-            ValueError: the bank takes images of another number of channels.
+            UserError: no filter is configured, or the bank cannot take such images.
         """
         plan = self._plan()
-        forms = self._forms_of(images, plan)
-        response = torch.stack([_strongest(forms, len(own)) for own in plan.forms], 1)
+        response = _strongest(self._forms_of(_checked(images), plan), plan)
         if self._logarithmic:
-            response = response.exp()
-        return _from_share(response, response.amax((2, 3)), self.t3)
+            response = response.exp() if response.requires_grad else response.exp_()
+        return _from_share(response, response.amax((2, 3)), self.t3) if self.t3 > 0 else response
 
     def maxima(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b n"]:
         """The strongest response of each filter anywhere in an image: the feature vector of chapter 6.
@@ -157,51 +148,50 @@ class Cosfire(nn.Module):
         responses are never written to memory.
 
         Raises:
-            UserError, ValueError: as :meth:`forward`.
+            UserError: as :meth:`forward`.
         """
         plan = self._plan()
         trained = torch.is_grad_enabled() and (images.requires_grad or any(p.requires_grad for p in self.parameters()))
-        if trained or not self._logarithmic or images.device.type != "cpu":
+        compiled = images.device.type == "cpu" and images.dtype in (torch.float32, torch.float64)
+        if trained or not self._logarithmic or not compiled:
             return self(images).amax((2, 3))  # type: ignore[no-any-return]
         with torch.no_grad():
-            found = log_maxima(self._log_maps(images, plan), self.weights, plan)
-        return found.exp()
+            return log_maxima(self._log_maps(images, plan), self._shares(), plan).exp()
 
     def keep(self, wanted: Callable[[Tuples], Bool[Tensor, "n"]]) -> Self:
         """Take away the parts of the last filter's prototype that ``wanted`` does not tell to keep, in all its forms.
 
         Raises:
-            UserError: no part is left.
+            UserError: no part is left, or the forms are of moved prototypes (the bank is not steerable): nothing tells
+                which of their parts are the same.
         """
         number = len(self) - 1
         chosen = wanted(self.tuples(number))
+        forms = (self.filter_of_form == number).nonzero()[:, 0].tolist()
         if not chosen.any():
             raise UserError("no part of the filter is left", "Keep at least one.")
-        forms = (self.filter_of_form == number).nonzero()[:, 0].tolist()
-        last = torch.isin(self.form, torch.tensor(forms))
+        if len(forms) > 1 and not self.bank.steerable:
+            raise UserError(
+                f"each of the filter's {len(forms)} forms has parts of its own, from a moved prototype",
+                "Use no tolerance, or a bank that is steerable.",
+            )
+        last = self.filter_of_form[self.form] == number
         left = ~last
         left[last] = chosen.repeat(len(forms))
-        for name in ("channels", "rho", "phi", "weights", "form"):
-            setattr(self, name, getattr(self, name)[left])
+        self._keep_parts(left)
         for form in forms:
             own = self.form == form
-            self.weights[own] = part_weights(self.rho[own], self.least_weight)
-        self._kept_plan = None
+            self.weights.data[own] = part_weights(self.rho[own].detach(), self.least_weight).to(self.weights)
         return self
-
-    def tuples(self, number: int) -> Tuples:
-        """The parts of filter ``number`` as its prototype shows them."""
-        first = int((self.filter_of_form == number).nonzero()[0, 0])
-        own = self.form == first
-        return Tuples(self.channels[own], self.rho[own], self.phi[own])
 
     def train_parts(self) -> Self:
         """Make weights, and what else has a gradient, parameters: of networks' vectors their directions, and with
-        ``shift="bilinear"`` the places of the parts. Returns the layer."""
+        ``shift="bilinear"`` the places of the parts (σ of their blur follows ρ without a gradient).
+        """
         names = ["weights"]
         if self.shift == "bilinear":
             names += ["rho", "phi"]
-        if self.channels.shape[1] > 2:
+        if self.bank.learnable:
             names.append("channels")
         for name in names:
             value = self._buffers.pop(name, None)
@@ -215,15 +205,31 @@ class Cosfire(nn.Module):
         names = ("mean", "least_weight", "t1", "t3", "floor", "shift", "border")
         return {name: getattr(self, name) for name in names}
 
-    def _load_from_state_dict(self, state_dict: Mapping[str, Any], prefix: str, *rest: Any) -> None:
-        # filters come with the state, so arrays take its sizes
-        for name in PARTS:
-            value = state_dict.get(prefix + name)
-            if value is not None:
-                own = getattr(self, name)
-                own.data = torch.empty_like(value, dtype=own.dtype, device=own.device)
-        self._kept_plan = None
-        super()._load_from_state_dict(state_dict, prefix, *rest)
+    def save(self, path: Path) -> None:
+        """Write the filters, and all options but a network's weights, to a safetensors file.
+
+        Raises:
+            UserError: the strategy is one of the user's own, which a file cannot hold.
+            OSError: the file cannot be written.
+        """
+        from sextant.layers.cosfire.saved_filters import save_filters
+
+        save_filters(self, path)
+
+    @classmethod
+    def load(cls, path: Path, bank: Bank | None = None) -> "Cosfire":
+        """Filters that :meth:`save` wrote.
+
+        Args:
+            path: the file.
+            bank: what the filters look through; None builds it anew, unless it holds a network.
+
+        Raises:
+            UserError: the file is missing, damaged or of something else, or was written for another bank.
+        """
+        from sextant.layers.cosfire.saved_filters import load_filters
+
+        return load_filters(path, bank)
 
     def _forms(self, image: Tensor, point: tuple[float, float]) -> "list[Tuples]":
         """The parts under each move."""
@@ -232,7 +238,7 @@ class Cosfire(nn.Module):
             raise UserError(
                 f"nothing in the prototype's neighbourhood of point=({point[0]:g},{point[1]:g}) is strong enough "
                 "for a filter",
-                "Choose a point on or near an edge, a corner or a line, or lower t1.",
+                "Choose a point on or near an edge, a corner or a line, or lower t1 and the strategy's thresholds.",
             )
         forms = []
         for move in self.tolerance.moves():
@@ -251,31 +257,24 @@ class Cosfire(nn.Module):
         row = int((point[1] + 0.5) * maps.shape[1] / height)
         column = int((point[0] + 0.5) * maps.shape[2] / width)
         at = (min(row, maps.shape[1] - 1), min(column, maps.shape[2] - 1))
-        return self.strategy.tuples(maps, self.bank.grid(), at)
+        grid = self.bank.grid()
+        found = self.strategy.tuples(maps, grid, at)
+        if found.channels.shape[1] != grid.shape[1]:
+            raise UserError(
+                f"{type(self.strategy).__name__} names channels by {found.channels.shape[1]} numbers, "
+                f"{type(self.bank).__name__} by {grid.shape[1]}",
+                "VectorKeypoints goes with a VectorBank; the other strategies go with every bank.",
+            )
+        return found
 
     def _moved(self, tuples: Tuples, move: Move) -> Tuples:
         phi = torch.pi - tuples.phi if move.mirrored else tuples.phi
         return Tuples(self.bank.moved(tuples.channels, move), tuples.rho * move.scale, phi + move.rotation_rad)
 
-    def _append(self, forms: "list[Tuples]") -> None:
-        first, number = len(self.filter_of_form), len(self)
-        added = {
-            "channels": torch.cat([form.channels for form in forms]),
-            "rho": torch.cat([form.rho for form in forms]),
-            "phi": torch.cat([form.phi for form in forms]),
-            "weights": torch.cat([part_weights(form.rho, self.least_weight) for form in forms]),
-            "form": torch.cat([torch.full((len(form),), first + index) for index, form in enumerate(forms)]),
-            "filter_of_form": torch.full((len(forms),), number),
-        }
-        for name, rows in added.items():
-            known = getattr(self, name)
-            known.data = torch.cat([known.data, rows.to(known)])
-        self._kept_plan = None
-
     def _plan(self) -> Plan:
         if len(self) == 0:
             raise UserError("no COSFIRE filter is configured", "Call configure(example, point) first.")
-        if self._kept_plan is not None:
+        if self._kept_plan is not None and self._kept_plan.blur == self.blur:
             return self._kept_plan
         plan = Plan.of(self.channels, self.rho, self.phi, self.form, self.filter_of_form, self.blur)
         if not any(isinstance(getattr(self, name), nn.Parameter) for name in ("rho", "phi", "channels")):
@@ -286,38 +285,50 @@ class Cosfire(nn.Module):
         """Every map that some part looks at, (b, u, y, x)."""
         maps = self.bank(images, self.channels[plan.channels.to(self.channels.device)])
         if self.t1 > 0:
-            strongest = self.bank.describe(images).amax((1, 2, 3))
-            maps = _from_share(maps, strongest[:, None].expand(-1, maps.shape[1]), self.t1)
+            maps = _from_share(maps, self.bank.strongest(images)[:, None], self.t1)
         found = torch.cat([self.blur(maps[:, which], sigma) for sigma, which in plan.blurred], 1)
         return found.clamp(min=self.floor) if self.floor else found
 
     def _log_maps(self, images: Tensor, plan: Plan) -> Tensor:
         nothing = math.log(self.floor) if self.floor else -math.inf
-        return padded(safe_log(self._blurred(images, plan)), (plan.margin,) * 4, self.border, nothing)
+        return padded(safe_log(self._blurred(images, plan)), plan.margin, self.border, nothing)
 
     def _forms_of(self, images: Tensor, plan: Plan) -> Iterator[Tensor]:
         """Responses of one form after the other; of geometric means of whole shifts their logarithms."""
+        weights = self._shares()
         if self._logarithmic:
-            return log_responses(self._log_maps(images, plan), self.weights, plan)
+            return log_responses(self._log_maps(images, plan), weights, plan)
         maps = self._blurred(images, plan)
         if self.shift == "whole":
-            wide = padded(maps, (plan.margin,) * 4, self.border, self.floor)
-            return whole_responses(wide, self.weights, plan, self.mean)
-        return bilinear_responses(maps, self.weights, self.rho, self.phi, plan, self.mean, self.border, self.floor)
+            return whole_responses(padded(maps, plan.margin, self.border, self.floor), weights, plan, self.mean)
+        return bilinear_responses(maps, weights, self.rho, self.phi, plan, self.mean, self.border, self.floor)
 
     @property
     def _logarithmic(self) -> bool:
         return self.mean == "geometric" and self.shift == "whole"
 
 
+def _checked(images: Tensor) -> Tensor:
+    if not images.is_floating_point():
+        raise UserError(f"COSFIRE filters take floating-point images, got {images.dtype}", "Give images.float() / 255.")
+    return images
+
+
 def _from_share(maps: Tensor, strongest: Tensor, share: float) -> Tensor:
-    """Maps (b, k, y, x) with all below ``share`` of ``strongest`` (b, k) set to zero."""
-    return torch.where(maps >= share * strongest[..., None, None], maps, 0.0) if share > 0 else maps
+    """Maps (b, k, y, x) with all below ``share`` of ``strongest``, (b, k) or (b, 1), set to zero; nan stays."""
+    return maps.masked_fill(maps < share * strongest[..., None, None], 0.0) if share > 0 else maps
 
 
-def _strongest(maps: Iterator[Tensor], count: int) -> Tensor:
-    """Pixelwise maximum of the next ``count`` maps."""
-    best = next(maps)
-    for _ in range(count - 1):
-        best = torch.maximum(best, next(maps))
-    return best
+def _strongest(forms: Iterator[Tensor], plan: Plan) -> Tensor:
+    """Pixelwise maximum over the forms (b, h, w) of each filter: (b, n, h, w)."""
+    first = next(forms)
+    forms = chain([first], forms)
+    if first.requires_grad:
+        return torch.stack([reduce(torch.maximum, islice(forms, len(own))) for own in plan.forms], 1)
+    # written where it stays: to have new memory for every form takes longer than the sums
+    found = first.new_empty(len(first), len(plan.forms), *first.shape[1:])
+    for number, own in enumerate(plan.forms):
+        best = found[:, number].copy_(next(forms))
+        for form in islice(forms, len(own) - 1):
+            torch.maximum(best, form, out=best)
+    return found

@@ -63,7 +63,7 @@ class DoGBank(Bank):
         found = images.new_zeros(len(images), len(channels), *images.shape[2:])
         for sigma in torch.unique(channels[:, 1]).tolist():
             reach = math.ceil(3 * sigma)
-            image = padded(images, (reach,) * 4, self.border)
+            image = padded(images, reach, self.border)
             inner, outer = (twice_convolved(image, gaussian_line(s, reach)) for s in (self.ratio * sigma, sigma))
             for row in (channels[:, 1] == sigma).nonzero()[:, 0].tolist():
                 found[:, row] = (float(channels[row, 0]) * (inner - outer))[:, 0].clamp(min=0)

@@ -1,9 +1,11 @@
-"""The channels of a network's feature map as a bank."""
+"""The feature map of a network as a bank: its channels one by one, or the directions of its vectors."""
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.errors import UserError
 from sextant.layers.cosfire.bank import Bank
 
 
@@ -26,12 +28,12 @@ class FeatureBank(Bank):
 
     def describe(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k y x"]:
         """The rectified feature map; see :meth:`Bank.describe`."""
-        maps = self.features(images).clamp(min=0)
-        if maps.shape[1] != self.size:
-            raise ValueError(f"the feature map has {maps.shape[1]} channels, the bank was told {self.size}")
-        if not self.normalise:
-            return maps  # type: ignore[no-any-return]
-        return maps / maps.amax((1, 2, 3), keepdim=True).clamp(min=torch.finfo(maps.dtype).tiny)  # type: ignore[no-any-return]
+        maps = _rectified(self.features, images, self.size)
+        return _shared_out(maps, maps.amax((1, 2, 3), keepdim=True)) if self.normalise else maps
+
+    def strongest(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b"]:
+        """See :meth:`Bank.strongest`."""
+        return images.new_ones(len(images)) if self.normalise else super().strongest(images)
 
     def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u 1"]) -> Float[Tensor, "b u y x"]:
         """Channels of the feature map; see :meth:`Bank.forward`."""
@@ -47,6 +49,8 @@ class VectorBank(Bank):
         least: vectors shorter than this share of the image's longest answer less, so that empty places do not.
     """
 
+    learnable = True
+
     def __init__(self, features: nn.Module, size: int, *, least: float = 0.05):
         super().__init__()
         self.features, self.size, self.least = features, size, least
@@ -57,15 +61,41 @@ class VectorBank(Bank):
 
     def describe(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k y x"]:
         """The rectified feature map; see :meth:`Bank.describe`."""
-        maps = self.features(images).clamp(min=0)
-        if maps.shape[1] != self.size:
-            raise ValueError(f"the feature map has {maps.shape[1]} channels, the bank was told {self.size}")
-        return maps  # type: ignore[no-any-return]
+        return _rectified(self.features, images, self.size)
+
+    def strongest(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b"]:
+        """1, the cosine of what points in the very direction."""
+        return images.new_ones(len(images))
 
     def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u k"]) -> Float[Tensor, "b u y x"]:
         """Cosines; see :meth:`Bank.forward`."""
         maps = self.describe(images)
         length = maps.norm(dim=1, keepdim=True)
-        tiny = torch.finfo(maps.dtype).tiny
-        length = torch.maximum(length, self.least * length.amax((2, 3), keepdim=True)).clamp(min=tiny)
-        return torch.einsum("uk,bkyx->buyx", channels.to(maps), maps / length).clamp(min=0)
+        length = torch.maximum(length, self.least * length.amax((2, 3), keepdim=True))
+        directions = F.normalize(channels, dim=1).to(maps)
+        return torch.einsum("uk,bkyx->buyx", directions, _shared_out(maps, length)).clamp(min=0)
+
+
+def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
+    """The network's map without what is negative.
+
+    Raises:
+        UserError: the network cannot take the images.
+        ValueError: it gives another number of channels than ``size``.
+    """
+    try:
+        maps: Tensor = features(images)
+    except RuntimeError as error:
+        raise UserError(
+            f"the network of the COSFIRE bank cannot take images (b, c, h, w) of {tuple(images.shape)}: "
+            f"{str(error).splitlines()[0]}",
+            "Give images with the channels it was made for, and not smaller than it can take.",
+        ) from error
+    if maps.ndim != 4 or maps.shape[1] != size:
+        raise ValueError(f"the features are {tuple(maps.shape)}, the bank was told of (b, {size}, y, x)")
+    return maps.clamp(min=0)
+
+
+def _shared_out(maps: Tensor, whole: Tensor) -> Tensor:
+    """Maps as shares of ``whole``; nothing where that is nothing."""
+    return maps / whole.masked_fill(whole <= 0, 1.0)

@@ -19,6 +19,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from sextant.errors import UserError
 from sextant.layers.cosfire.bank import Bank, check_grey
 from sextant.layers.cosfire.border import Border, padded
 from sextant.layers.cosfire.tolerance import Move
@@ -67,7 +68,7 @@ class GaborBank(Bank):
         border: how images go on beyond their border.
 
     Raises:
-        ValueError: no wavelength, one below 2 pixels, or no orientation.
+        ValueError: no wavelength, one that pixels cannot show (2 or less), or no orientation.
     """
 
     steerable = True
@@ -83,9 +84,9 @@ class GaborBank(Bank):
         border: Border = "replicate",
     ):
         super().__init__()
-        if not wavelengths or min(wavelengths) < 2 or orientations < 1:
+        if not wavelengths or min(wavelengths) <= 2 or orientations < 1:
             raise ValueError(
-                f"Gabor filters need wavelengths of at least 2 pixels and an orientation; got {wavelengths} "
+                f"Gabor filters need wavelengths above 2 pixels and an orientation; got {wavelengths} "
                 f"and {orientations}"
             )
         self.wavelengths = tuple(float(length) for length in wavelengths)
@@ -113,11 +114,21 @@ class GaborBank(Bank):
             kernels = torch.stack([self._kernel(wavelength, float(theta)) for theta in channels[rows, 1]])
             reach = kernels.shape[-1] // 2
             kernels = kernels[:, None].to(images)
-            found[:, rows] = F.conv2d(padded(images, (reach,) * 4, self.border), kernels).clamp(min=0)
+            found[:, rows] = F.conv2d(padded(images, reach, self.border), kernels).clamp(min=0)
         return found
 
     def moved(self, channels: Float[Tensor, "n 2"], move: Move) -> Float[Tensor, "n 2"]:
-        """λ grows with the image, θ turns with it; see :meth:`Bank.moved`."""
+        """λ grows with the image, θ turns with it; see :meth:`Bank.moved`.
+
+        Raises:
+            UserError: the smaller image needs a wavelength that pixels cannot show.
+        """
+        if len(channels) and float(channels[:, 0].min()) * move.scale <= 2:
+            raise UserError(
+                f"at scale {move.scale:g} Gabor filters have wavelengths down to "
+                f"{float(channels[:, 0].min()) * move.scale:g} pixels, and must be above 2",
+                "Tolerate less small scales, or give the bank longer wavelengths.",
+            )
         theta = math.pi - channels[:, 1] if move.mirrored else channels[:, 1]
         whole = math.pi if self.symmetric else 2 * math.pi
         return torch.stack([channels[:, 0] * move.scale, (theta + move.rotation_rad) % whole], 1)

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch.nn.functional as F
+import torch
 from jaxtyping import Float
 from scipy.cluster.hierarchy import fcluster, linkage
 from torch import Tensor
+
+from sextant.layers.cosfire.strategy import peaks
 
 
 @dataclass(frozen=True)
@@ -18,23 +20,27 @@ class Keypoint:
     score: float
 
 
-def keypoints(response: Float[Tensor, "h w"], *, threshold: float = 0.0, min_distance: float = 8.0) -> list[Keypoint]:
+def keypoints(
+    response: Float[Tensor, "h w"], *, threshold: float = 0.0, min_distance: float = 8.0, most: int = 5000
+) -> list[Keypoint]:
     """Peaks above ``threshold``, the strongest first.
 
     Peaks closer together than ``min_distance`` pixels are one (clusters by complete linkage), and the strongest speaks
-    for them.
+    for them. Where the response is level there is no peak.
+
+    Args:
+        most: peaks that are looked at, the strongest: clusters take memory with their square.
 
     Source: Azzopardi and Petkov 2013, section 3.
     """
-    largest = F.max_pool2d(response[None, None], 3, 1, 1)[0, 0]
-    found = ((response == largest) & (response > threshold)).nonzero().cpu().numpy()
-    if len(found) == 0:
+    found = (peaks(response.detach()[None])[0] & (response > threshold)).nonzero()
+    scores = response.detach()[found[:, 0], found[:, 1]]
+    order = torch.argsort(scores, descending=True, stable=True)[:most]
+    places, scores = found[order].cpu().numpy(), scores[order].cpu()
+    if len(places) == 0:
         return []
-    scores = response.detach().cpu().numpy()[found[:, 0], found[:, 1]]
-    order = np.argsort(-scores, kind="stable")
-    found, scores = found[order], scores[order]
     cluster = np.ones(1, dtype=int)
-    if len(found) > 1:
-        cluster = fcluster(linkage(found.astype(float), "complete"), min_distance, "distance")
-    first = sorted(int(np.flatnonzero(cluster == label)[0]) for label in np.unique(cluster))
-    return [Keypoint(int(found[i, 1]), int(found[i, 0]), float(scores[i])) for i in first]
+    if len(places) > 1:
+        cluster = fcluster(linkage(places.astype(float), "complete"), min_distance, "distance")
+    _, first = np.unique(cluster, return_index=True)
+    return [Keypoint(int(places[i, 1]), int(places[i, 0]), float(scores[i])) for i in sorted(first)]

@@ -3,7 +3,7 @@
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 #: geometric is the paper's; trimmed leaves out a fifth at either end
@@ -14,26 +14,29 @@ def weighted_mean(parts: Float[Tensor, "n *b"], weights: Float[Tensor, "n"], mea
     r"""The mean of n non-negative responses, with weights that sum to one.
 
     Geometric :math:`\prod s_i^{w_i}`, arithmetic :math:`\sum w_i s_i`, harmonic :math:`(\sum w_i / s_i)^{-1}`;
-    trimmed and median ignore the weights. A response of zero makes the geometric and the harmonic mean zero.
+    trimmed and median ignore the weights. A response of zero makes the geometric and the harmonic mean zero, with
+    gradients of zero.
     """
-    if mean == "geometric":
-        return torch.exp(torch.einsum("n...,n->...", safe_log(parts), weights.to(parts)))
     if mean == "arithmetic":
         return torch.einsum("n...,n->...", parts, weights.to(parts))
-    if mean == "harmonic":
-        present = parts > 0
-        shares = torch.einsum("n...,n->...", 1 / torch.where(present, parts, 1.0), weights.to(parts))
-        return torch.where(present.all(0), 1 / shares, 0.0)
-    if mean == "trimmed":
-        ordered = parts.sort(0).values
-        cut = len(parts) // 5
-        return ordered[cut : len(parts) - cut].mean(0)
-    return torch.quantile(parts, 0.5, dim=0)
+    if mean in ("geometric", "harmonic"):
+        absent = parts <= 0
+        present = parts.masked_fill(absent, 1.0)
+        total = torch.einsum("n...,n->...", present.log() if mean == "geometric" else 1 / present, weights.to(parts))
+        return (total.exp() if mean == "geometric" else 1 / total).masked_fill(absent.any(0), 0.0)
+    cut = len(parts) // 5 if mean == "trimmed" else (len(parts) - 1) // 2
+    return parts.sort(0).values[cut : len(parts) - cut].mean(0)
+
+
+def shares(weights: Float[Tensor, "n"], form: Int64[Tensor, "n"], forms: int) -> Float[Tensor, "n"]:
+    """Weights that sum to one in each form. Those that training made negative count as hardly any."""
+    positive = weights.clamp(min=1e-9)
+    return positive / positive.new_zeros(forms).index_add(0, form, positive)[form]
 
 
 def safe_log(x: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
     """Logarithms of non-negative numbers; that of 0 is -inf, with a gradient of 0."""
     if not (torch.is_grad_enabled() and x.requires_grad):
         return x.log()
-    present = x > 0
-    return torch.where(present, x, 1.0).log().masked_fill(~present, -torch.inf)
+    absent = x <= 0
+    return x.masked_fill(absent, 1.0).log().masked_fill(absent, -torch.inf)

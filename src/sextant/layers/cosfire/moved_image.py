@@ -34,5 +34,5 @@ def moved_image(
     # where each pixel comes from: turned back, with y downwards
     from_x = x + cos * columns[None, :] - sin * rows[:, None]
     from_y = y + sin * columns[None, :] + cos * rows[:, None]
-    grid = torch.stack([2 * from_x / (width - 1) - 1, 2 * from_y / (height - 1) - 1], -1)
-    return F.grid_sample(image, grid[None], padding_mode="border", align_corners=True), (x, y)
+    grid = torch.stack([(2 * from_x + 1) / width - 1, (2 * from_y + 1) / height - 1], -1)
+    return F.grid_sample(image, grid[None], padding_mode="border", align_corners=False), (x, y)

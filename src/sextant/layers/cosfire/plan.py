@@ -1,6 +1,7 @@
 """What the filters of a bank have in common, so that each map is worked out once."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import torch
@@ -22,6 +23,7 @@ class Plan:
         dx, dy: of each part, in whole pixels.
         parts: of each form.
         forms: of each filter.
+        blur: that the plan was made for.
     """
 
     channels: Int64[Tensor, "c"]
@@ -31,6 +33,7 @@ class Plan:
     dy: list[int]
     parts: list[range]
     forms: list[range]
+    blur: Blur
 
     @classmethod
     def of(
@@ -56,9 +59,9 @@ class Plan:
                 blurred.append((width, []))
             blurred[-1][1].append(int(which))
         dx, dy = whole_offsets(rho, phi)
-        return cls(chosen, blurred, source.tolist(), dx, dy, _runs(form.tolist()), _runs(filter_of_form.tolist()))
+        return cls(chosen, blurred, source.tolist(), dx, dy, _runs(form.tolist()), _runs(filter_of_form.tolist()), blur)
 
-    @property
+    @cached_property
     def margin(self) -> int:
         """How far parts look, in pixels."""
         return max(*map(abs, self.dx), *map(abs, self.dy))

@@ -1,6 +1,7 @@
 """Responses of filters from the blurred maps of a bank: shift, weigh, put together."""
 
 from collections.abc import Iterator
+from functools import reduce
 
 import torch
 from jaxtyping import Float
@@ -17,21 +18,20 @@ def log_responses(
 ) -> Iterator[Float[Tensor, "b h w"]]:
     """Logarithms of the weighted geometric means, one form after the other.
 
+    Without gradients all forms are written to the same memory: each is good until the next is asked for.
+
     Args:
         wide: logarithms of the maps, wider than responses by ``plan.margin`` on every side.
     """
-    height, width = (size - 2 * plan.margin for size in wide.shape[-2:])
-    numbers = None if weights.requires_grad else weights.tolist()
+    if torch.is_grad_enabled() and (wide.requires_grad or weights.requires_grad):
+        yield from _differentiable_log_responses(wide, weights, plan)
+        return
+    numbers = weights.tolist()
+    total = torch.empty_like(_seen_by(0, wide, plan), memory_format=torch.contiguous_format)
     for own in plan.parts:
-        total: Tensor | None = None
-        for part in own:
-            top, left = plan.margin + plan.dy[part], plan.margin + plan.dx[part]
-            view = wide[:, plan.source[part], top : top + height, left : left + width]
-            if numbers is None:
-                total = view * weights[part] if total is None else total + view * weights[part]
-            else:
-                total = view * numbers[part] if total is None else torch.add(total, view, alpha=numbers[part])
-        assert total is not None
+        torch.mul(_seen_by(own[0], wide, plan), numbers[own[0]], out=total)
+        for part in own[1:]:
+            total.add_(_seen_by(part, wide, plan), alpha=numbers[part])
         yield total
 
 
@@ -39,13 +39,9 @@ def whole_responses(
     wide: Float[Tensor, "b u H W"], weights: Float[Tensor, "n"], plan: Plan, mean: Mean
 ) -> Iterator[Float[Tensor, "b h w"]]:
     """Any mean of maps shifted by whole pixels; ``wide`` as in :func:`log_responses`, but the maps themselves."""
-    height, width = (size - 2 * plan.margin for size in wide.shape[-2:])
     for own in plan.parts:
-        parts = []
-        for part in own:
-            top, left = plan.margin + plan.dy[part], plan.margin + plan.dx[part]
-            parts.append(wide[:, plan.source[part], top : top + height, left : left + width])
-        yield weighted_mean(torch.stack(parts), weights[own.start : own.stop], mean)
+        parts = torch.stack([_seen_by(part, wide, plan) for part in own])
+        yield weighted_mean(parts, weights[own.start : own.stop], mean)
 
 
 def bilinear_responses(
@@ -66,7 +62,7 @@ def bilinear_responses(
     height, width = maps.shape[-2:]
     across, down = offsets(rho, phi)
     margin = int(torch.cat([across, down]).detach().abs().max()) + 2
-    wide = padded(maps, (margin,) * 4, border, fill)
+    wide = padded(maps, margin, border, fill)
     for own in plan.parts:
         parts = []
         for part in own:
@@ -77,3 +73,20 @@ def bilinear_responses(
             rows = source[..., :-1] * (1 - x_share) + source[..., 1:] * x_share
             parts.append(rows[:, :-1] * (1 - y_share) + rows[:, 1:] * y_share)
         yield weighted_mean(torch.stack(parts), weights[own.start : own.stop], mean)
+
+
+def _differentiable_log_responses(wide: Tensor, weights: Tensor, plan: Plan) -> Iterator[Tensor]:
+    """As :func:`log_responses`; where a part is absent all gradients are 0, not 0 times infinity."""
+    absent = torch.isneginf(wide)
+    finite = wide.masked_fill(absent, 0.0)
+    for own in plan.parts:
+        total = reduce(torch.add, [_seen_by(part, finite, plan) * weights[part] for part in own])
+        missing = reduce(torch.logical_or, [_seen_by(part, absent, plan) for part in own])
+        yield total.masked_fill(missing, -torch.inf)
+
+
+def _seen_by(part: int, wide: Tensor, plan: Plan) -> Tensor:
+    """What a part sees from each pixel (b, h, w): its map, shifted."""
+    height, width = (size - 2 * plan.margin for size in wide.shape[-2:])
+    top, left = plan.margin + plan.dy[part], plan.margin + plan.dx[part]
+    return wide[:, plan.source[part], top : top + height, left : left + width]

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from sextant.layers.cosfire.tuples import Tuples
@@ -23,27 +23,33 @@ class Strategy(ABC):
         """
 
 
-def peaks(strength: Float[Tensor, "k y x"], point: tuple[int, int], window: int, reach: float) -> Bool[Tensor, "k y x"]:
-    """Where a map is positive and the largest of a square of ``2 window + 1``, within ``reach`` pixels of the point.
+def peaks(strength: Float[Tensor, "k y x"], window: int = 1) -> Bool[Tensor, "k y x"]:
+    """Where a map is positive and the largest of a square of ``2 window + 1``.
 
-    A plateau that fills its square is no peak.
+    A plateau that fills its square is no peak. A window of 0 asks for nothing but to be positive.
     """
+    if window == 0:
+        return strength > 0
     side = 2 * window + 1
     largest = F.max_pool2d(strength[None], side, 1, window)[0]
     lowest = -F.max_pool2d(-strength[None], side, 1, window)[0]
-    rows, columns = (torch.arange(size) for size in strength.shape[1:])
-    near = (rows[:, None] - point[0]) ** 2 + (columns[None, :] - point[1]) ** 2 <= reach**2
-    return (strength == largest) & (strength > 0) & (largest > lowest) & near.to(strength.device)
+    return (strength > 0) & (strength == largest) & (largest > lowest)
+
+
+def near(maps: Float[Tensor, "k y x"], point: tuple[int, int], reach: float) -> Bool[Tensor, "y x"]:
+    """Which pixels of the maps lie within ``reach`` of the point (row, column)."""
+    rows, columns = (torch.arange(size, device=maps.device) for size in maps.shape[1:])
+    return (rows[:, None] - point[0]) ** 2 + (columns[None, :] - point[1]) ** 2 <= reach**2
 
 
 def keep_apart(
-    strength: Float[Tensor, "n"], y: Float[Tensor, "n"], x: Float[Tensor, "n"], apart: float, most: int | None
+    strength: Float[Tensor, "n"], y: Int64[Tensor, "n"], x: Int64[Tensor, "n"], apart: float, most: int
 ) -> list[int]:
     """Indices of the strongest, each at least ``apart`` from those before it; ``most`` at the most."""
     kept: list[int] = []
     for index in torch.argsort(strength, descending=True, stable=True).tolist():
         if all(float((y[index] - y[k]) ** 2 + (x[index] - x[k]) ** 2) >= apart**2 for k in kept):
             kept.append(index)
-        if most is not None and len(kept) == most:
+        if len(kept) == most:
             break
     return kept

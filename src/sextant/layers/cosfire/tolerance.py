@@ -45,8 +45,10 @@ class Tolerance:
             )
 
     def moves(self) -> Iterator[Move]:
-        """All combinations."""
+        """All combinations; the one that leaves everything in place, if it is among them, first."""
+        turns = [math.radians(self.span_deg * turn / self.rotations) for turn in range(self.rotations)]
+        scales = [float(scale) for scale in sorted(self.scales, key=lambda scale: scale != 1)]
         for mirrored in (False, True)[: 1 + self.reflection]:
-            for turn in range(self.rotations):
-                for scale in self.scales:
-                    yield Move(math.radians(self.span_deg * turn / self.rotations), float(scale), mirrored)
+            for turn in turns:
+                for scale in scales:
+                    yield Move(turn, scale, mirrored)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 
@@ -25,7 +25,7 @@ class Tuples:
         return len(self.rho)
 
     @classmethod
-    def at(cls, channels: Float[Tensor, "n p"], dx: Float[Tensor, "n"], dy: Float[Tensor, "n"]) -> "Tuples":
+    def at(cls, channels: Float[Tensor, "n p"], dx: Shaped[Tensor, "n"], dy: Shaped[Tensor, "n"]) -> "Tuples":
         """Parts at ``dx`` pixels to the right and ``dy`` downwards."""
         return cls(channels.double(), torch.hypot(dx.double(), dy.double()), torch.atan2(-dy.double(), dx.double()))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.layers.cosfire.strategy import Strategy, keep_apart, peaks
+from sextant.layers.cosfire.strategy import Strategy, keep_apart, near, peaks
 from sextant.layers.cosfire.tuples import Tuples
 
 
@@ -18,7 +18,7 @@ class VectorKeypoints(Strategy):
     """Strategy B: local maxima of the length of feature vectors; for a :class:`VectorBank`.
 
     Args:
-        window: a keypoint is the largest of a square of 2 window + 1 pixels.
+        window: a keypoint is the largest of a square of 2 window + 1 pixels; 0: anything strong enough.
         reach: parts lie within this many pixels of the point.
         strength: keypoints have this share of the length of the longest at least.
         apart: parts are at least so many pixels apart.
@@ -35,14 +35,14 @@ class VectorKeypoints(Strategy):
     most: int = 20
 
     def __post_init__(self) -> None:
-        if not (0 <= self.strength <= 1 and self.window >= 1 and self.most >= 1):
-            raise ValueError(f"vector keypoints need strength in [0, 1], window and most >= 1; got {self}")
+        if not (0 <= self.strength <= 1 and self.window >= 0 and self.most >= 1):
+            raise ValueError(f"vector keypoints need strength in [0, 1], window >= 0 and most >= 1; got {self}")
 
     def tuples(self, maps: Float[Tensor, "k y x"], grid: Float[Tensor, "k p"], point: tuple[int, int]) -> Tuples:
         """Parts at keypoints, their channels vectors of length 1; see :meth:`Strategy.tuples`."""
         length = maps.norm(dim=0)
-        found = peaks(length[None], point, self.window, self.reach)[0] & (length >= self.strength * length.max())
-        y, x = found.nonzero(as_tuple=True)
+        enough = length >= self.strength * length.max()
+        y, x = (peaks(length[None], self.window)[0] & enough & near(maps, point, self.reach)).nonzero(as_tuple=True)
         kept = keep_apart(length[y, x], y, x, self.apart, self.most)
         y, x = y[kept], x[kept]
         vectors = (maps[:, y, x] / length[y, x]).T.cpu()

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Float64, Int32
+from jaxtyping import Float, Float32, Float64, Int32, Int64
 from numpy import ndarray
 from torch import Tensor
 
@@ -66,11 +66,11 @@ class Caches:
             OSError: the folder cannot be written.
         """
         n = len(map)
-        arrays = {name: _room(folder, name, shape, dtype) for name, (shape, dtype) in _layout(n, k, kernel).items()}
-        at_a_time = max(1, ENTRIES // (k * max(k, map.dimension)))
+        arrays = {name: _room(folder, name, shape, dtype) for name, (shape, dtype) in layout(n, k, kernel).items()}
+        at_a_time = images_at_a_time(k, map.dimension)
         for start in range(0, n, at_a_time):
             rows = torch.arange(start, min(start + at_a_time, n))
-            for name, values in _block(map, kernel, neighbourhoods, k, rows).items():
+            for name, values in prepared(map, kernel, neighbourhoods.of_images(rows, k).rows, rows).items():
                 arrays[name][start : start + len(rows)] = values.numpy()
             if progress is not None:
                 progress(start + len(rows), n)
@@ -84,7 +84,7 @@ class Caches:
             ValueError: an array is missing or of the wrong shape or type.
         """
         arrays = {}
-        for name, (shape, dtype) in _layout(n, k, kernel).items():
+        for name, (shape, dtype) in layout(n, k, kernel).items():
             arrays[name] = stored(state, name, shape, torch.from_numpy(np.empty(0, dtype)).dtype).numpy()
         neighbours = arrays["neighbours"]
         if neighbours.min() < 0 or neighbours.max() >= n:  # machine code would read past the end of the map
@@ -96,7 +96,8 @@ class Caches:
         return {field.name: torch.from_numpy(getattr(self, field.name)) for field in fields(self)}
 
 
-def _layout(n: int, k: int, kernel: PoseKernel) -> dict[str, tuple[tuple[int, ...], type[np.generic]]]:
+def layout(n: int, k: int, kernel: PoseKernel) -> dict[str, tuple[tuple[int, ...], type[np.generic]]]:
+    """Shape and type of each array of the caches of n images."""
     triangle = k * (k + 1) // 2
     little_noise = kernel.noise_variance < LITTLE_NOISE * kernel.signal_variance
     return {
@@ -127,10 +128,20 @@ def _settled(array: ndarray) -> ndarray:
     return mapped
 
 
-def _block(
-    map: DescriptorMap, kernel: PoseKernel, neighbourhoods: Neighbourhoods, k: int, rows: Tensor
+def images_at_a_time(k: int, dimension: int) -> int:
+    """Neighbourhoods that are prepared together."""
+    return max(1, ENTRIES // (k * max(k, dimension)))
+
+
+def prepared(
+    map: DescriptorMap, kernel: PoseKernel, neighbours: Int64[Tensor, "b k"], rows: Int64[Tensor, " b"]
 ) -> dict[str, Tensor]:
-    neighbours = neighbourhoods.of_images(rows, k).rows
+    """What is cached for some images of a map, whose neighbours are rows of it too.
+
+    Raises:
+        UserError: a covariance is not positive definite.
+    """
+    k = neighbours.shape[1]
     near = map.poses[neighbours]  # (b, k, 3)
     factor = noisy_factor(kernel(near, near), kernel.noise_variance)
     whitener = torch.linalg.solve_triangular(factor, torch.eye(k, dtype=torch.float64).expand_as(factor), upper=False)

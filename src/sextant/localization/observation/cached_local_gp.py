@@ -22,7 +22,7 @@ from typing import Literal, Self
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64
+from jaxtyping import Bool, Float32, Float64
 from numpy import ndarray
 from torch import Tensor
 
@@ -58,12 +58,20 @@ class CachedLocalGP(ObservationModel):
         map_evidence: what the likelihood over the map compares with: ``image``: the image of the map itself, for free;
             ``mean``: what is predicted at its pose, which is what poses are compared with, for about the price of
             another product of the map with a vector.
+        tile: images of the map, one after the other, that an observation is compared with together, once poses ask for
+            one of them: of a mapped map larger than memory, in
+            :func:`~sextant.localization.spatial_order.spatial_order`, only these are read. None: all at once, which is
+            quickest in memory. The likelihood over the map asks for all.
     """
 
-    def __init__(self, neighbours: int = 16, blend: int = 1, map_evidence: MapEvidence = "image"):
+    def __init__(
+        self, neighbours: int = 16, blend: int = 1, map_evidence: MapEvidence = "image", tile: int | None = None
+    ):
         if map_evidence not in MAP_EVIDENCE:
             raise ValueError(f"map_evidence={map_evidence!r} must be one of {', '.join(MAP_EVIDENCE)}")
-        self.neighbours, self.blend, self.map_evidence = neighbours, blend, map_evidence
+        if tile is not None and tile < 1:
+            raise ValueError(f"tile={tile} must be at least 1")
+        self.neighbours, self.blend, self.map_evidence, self.tile = neighbours, blend, map_evidence, tile
 
     def fit(
         self,
@@ -173,20 +181,46 @@ class CachedLocalGP(ObservationModel):
 
 
 class CachedEvidence(Evidence):
-    """One observation in each of r runs, by its products with all descriptors of the map."""
+    """One observation in each of r runs, by its products with descriptors of the map: of all, or tile by tile.
+
+    Attributes:
+        unread: tiles of the map that no pose has asked for yet.
+    """
 
     def __init__(self, model: CachedLocalGP, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood):
         self.model, self.likelihood = model, likelihood
         centred = descriptors - model.map.mean
-        self.products = _products(model.map.descriptors.numpy(), centred.numpy())  # (r, n)
+        self._centred, images = centred.numpy(), len(model.map)
+        if model.tile is None:
+            self.products = _products(model.map.descriptors.numpy(), self._centred)  # (r, n)
+            self._tile, self.unread = images, np.zeros(1, dtype=bool)
+        else:
+            self.products = np.empty((len(centred), images), np.float32)  # takes memory only where it is written
+            self._tile, self.unread = model.tile, np.ones(-(-images // model.tile), dtype=bool)
         self.offsets = centred.double() @ model.map.mean.double()
         self.norms = centred.double().square().sum(dim=1)
+
+    def _read(self, wanted: Bool[ndarray, " tiles"]) -> None:
+        """Compare the observations with the images of some tiles."""
+        rows = self.model.map.descriptors.numpy()
+        for tile in np.flatnonzero(wanted & self.unread).tolist():
+            some = slice(tile * self._tile, (tile + 1) * self._tile)
+            self.products[:, some] = _products(rows[some], self._centred)
+        self.unread &= ~wanted
+
+    def _read_around(self, images: Tensor) -> None:
+        """Compare the observations with all neighbours of these images."""
+        wanted = np.zeros_like(self.unread)
+        wanted[np.unique(self.model.caches.neighbours[np.unique(images.numpy())] // self._tile)] = True
+        self._read(wanted)
 
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """See :class:`Evidence`."""
         model, (runs, particles, _) = self.model, poses.shape
         flat = poses.reshape(-1, 3)
         images, shares = model._near(flat)
+        if self.unread.any():
+            self._read_around(images)
         residuals = self._residuals(flat, images, particles)
         told = self.likelihood.log_prob(residuals.squared, residuals.variance, model.map.dimension)
         return (shares * told).sum(dim=1).view(runs, particles)
@@ -208,6 +242,7 @@ class CachedEvidence(Evidence):
     def over_map(self) -> Float64[Tensor, "r n"]:
         """See :class:`Evidence`; see ``map_evidence`` of the model."""
         model = self.model
+        self._read(np.ones_like(self.unread))
         if self.likelihood.form == "student":
             squared = self._over_map(model._map_norms, np.full(len(model.map), -1.0)).clamp_min_(0)
             return self.likelihood.log_prob(squared, torch.from_numpy(model.caches.variances), model.map.dimension)

@@ -2,38 +2,55 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
-from sextant.cli.localizing.kept_descriptor import (
+from sextant.errors import UserError
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.motion import MotionModel
+from sextant.localization.observation import ObservationModel
+from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.recovery import Recovery
+from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
+from sextant.localizer_files.kept_descriptor import (
     Describes,
     KeptDescriptor,
     kept_baseline,
     kept_network,
     load_descriptor,
 )
-from sextant.cli.localizing.kept_filter import filter_of, filter_values
-from sextant.cli.resolve import resolve_run
-from sextant.errors import UserError
-from sextant.localization.motion import MotionModel
-from sextant.localization.recovery import Recovery
-from sextant.localization.saved_map import HEADER, load_map, save_map
-
-if TYPE_CHECKING:
-    from sextant.localizer import Localizer
+from sextant.localizer_files.kept_filter import filter_of, filter_values, usual_filter
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
 
 #: of a run's folder
 MAP = "map"
 DESCRIPTOR = "descriptor"
+#: of the mode that is told, for a map that names none: metres
+RADIUS = 1.0
 #: images described at a time
 BATCH = 512
 
 
-def save_localizer(localizer: "Localizer", folder: Path) -> None:
+class Saveable(Protocol):
+    """What is kept of a :class:`sextant.Localizer`."""
+
+    model: ObservationModel
+    likelihood: Likelihood
+    filter: ParticleFilter
+    radius: float
+    unit: Literal["m", "frames"]
+    particles: int
+    image_size: tuple[int, int, int] | None
+    descriptor: KeptDescriptor
+    facts: dict[str, Any]
+
+
+def save_localizer(localizer: Saveable, folder: Path) -> None:
     """Write the descriptor and then the map, whose header is last of all."""
     (folder / HEADER).unlink(missing_ok=True)
     localizer.descriptor.save(folder / DESCRIPTOR)
@@ -60,14 +77,17 @@ def open_localizer(
     descriptor: Describes | None = None,
     motion: MotionModel | None = None,
     recovery: Recovery | None = None,
+    verify: bool = True,
     trust: bool = False,
 ) -> dict[str, Any]:
     """The arguments of the ``Localizer`` that was saved; see :meth:`sextant.Localizer.load`."""
     folder = map_folder(folder.expanduser())
-    saved = load_map(folder)
+    saved = load_map(folder, verify=verify)
     settings = saved.facts.get("localizer")
+    if settings is None:
+        return _without_settings(saved, folder, run, descriptor, motion, recovery)
     if not isinstance(settings, dict):
-        raise UserError(f"{folder} is a map without the settings of a filter", "Save it with Localizer.save(folder).")
+        raise UserError(f"the map in {folder} is damaged: the settings of its filter are none", "Save it anew.")
     kept = load_descriptor(folder / DESCRIPTOR, trust=trust)
     if kept.identity != settings.get("descriptor"):
         raise UserError(
@@ -102,6 +122,27 @@ def open_localizer(
         ) from error
 
 
+def _without_settings(
+    saved: SavedMap,
+    folder: Path,
+    run: Path | str | None,
+    descriptor: Describes | None,
+    motion: MotionModel | None,
+    recovery: Recovery | None,
+) -> dict[str, Any]:
+    """The arguments of a localizer in a map that was not saved by one."""
+    if run is not None:
+        raise UserError(f"run={run}: the map in {folder} does not tell what it was described with", "Leave out run=.")
+    return {
+        "model": saved.model,
+        "likelihood": saved.likelihood,
+        "filter": usual_filter(saved.model.map.poses, motion=motion, recovery=recovery),
+        "radius": RADIUS,
+        "descriptor": KeptDescriptor(descriptor),
+        "facts": saved.facts,
+    }
+
+
 def described_map(
     images: UInt8[ndarray, "n h w c"], poses: Float[ndarray, "n 3"], descriptor: Describes | str | Path | None
 ) -> tuple[KeptDescriptor, Float32[ndarray, "n d"]]:
@@ -120,8 +161,6 @@ def described_map(
             f"poses have shape {poses.shape} for {len(images)} images", "Give x, y and heading of each image."
         )
     if isinstance(descriptor, str | Path):
-        from sextant.cli.compose import default_outputs
-
         kept = kept_network(resolve_run(str(descriptor), default_outputs()).checkpoint)
     else:
         chosen = WhitenedPCA(32, 48, min(128, len(images) // 2)) if descriptor is None else descriptor
@@ -137,8 +176,6 @@ def described_map(
 
 
 def _require_run(kept: KeptDescriptor, run: Path | str, folder: Path) -> None:
-    from sextant.cli.compose import default_outputs
-
     found = resolve_run(str(run), default_outputs())
     if kept.facts.get("checkpoint_sha256") != found.identity:
         of = "of another run" if kept.facts["kind"] == "network" else f"no network's ({kept.facts['kind']})"

@@ -98,10 +98,9 @@ def kept_network(checkpoint: Path, *, trust: bool = False) -> KeptDescriptor:
     Raises:
         UserError: the checkpoint cannot be read or is of another task, or needs code of the user's own.
     """
-    from sextant.cli.trained_model import read_trained
-    from sextant.runs.checkpoint import KEY
+    from sextant.runs.checkpoint import KEY, load_checkpoint
 
-    content = read_trained(checkpoint)
+    content = load_checkpoint(checkpoint)
     trained = {key: content[KEY][key] for key in ("config", "spec", "task")}
     sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
     return _network({"kind": "network", "checkpoint_sha256": sha256, **trained}, content["state_dict"], trust)
@@ -140,21 +139,10 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
 
 
 def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], trust: bool) -> KeptDescriptor:
-    from sextant.cli.evaluate import checkpoint_config
-    from sextant.cli.families import family_of
-    from sextant.cli.place_matching.network import TrainedNetwork
+    from sextant.localizer_files.place_network import trained_place_network
 
-    if facts["task"] != "place_recognition":
-        raise UserError(
-            f"a network of task={facts['task']} gives no place descriptor", "Name a run of task=place_recognition."
-        )
-    raw, config = checkpoint_config(facts, ["trust=true"] if trust else [])
-    module = family_of(config.task.name).module(raw, facts["spec"], training=False)
-    try:
-        module.load_state_dict(dict(weights))
-    except RuntimeError as error:
-        raise UserError(f"the weights do not fit the network: {str(error).splitlines()[0]}") from None
-    return KeptDescriptor(TrainedNetwork(module, facts["checkpoint_sha256"]), facts, dict(weights))
+    network = trained_place_network(facts, weights, facts["checkpoint_sha256"], trust=trust)
+    return KeptDescriptor(network, facts, dict(weights))
 
 
 def _pca(dimensions: int, arrays: Mapping[str, Tensor]) -> Any:

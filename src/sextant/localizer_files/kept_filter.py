@@ -1,18 +1,25 @@
 """The settings of a filter as plain values, and back; only classes of Sextant are made of what a file names."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from types import ModuleType
 from typing import Any
 
+from jaxtyping import Float64
+from torch import Tensor
+
 from sextant.errors import UserError
 from sextant.localization import motion, recovery, resampling
 from sextant.localization.kld_size import KLDSize
-from sextant.localization.map_prior import MapPrior
-from sextant.localization.motion import MotionModel
+from sextant.localization.map_prior import MapPrior, half_spacing
+from sextant.localization.motion import ExponentialMotion, MotionModel
 from sextant.localization.particle_filter import ParticleFilter
-from sextant.localization.recovery import Recovery
+from sextant.localization.recovery import BayesRestart, Recovery
+from sextant.localization.resampling import SystematicResampling
 
+#: of poses drawn about an image of the map
+HEADING_SIGMA = math.radians(10)
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 
 
@@ -45,6 +52,18 @@ def filter_of(
         MapPrior(poses, (along, across), heading),
         ess_threshold=float(values["ess_threshold"]),
         kld=None if values["kld"] is None else KLDSize(**values["kld"]),
+    )
+
+
+def usual_filter(
+    poses: Float64[Tensor, "n 3"], *, motion: MotionModel | None = None, recovery: Recovery | None = None
+) -> ParticleFilter:
+    """The filter of a map of which nothing else is known: the odometry of a small robot, and restarts."""
+    return ParticleFilter(
+        motion or ExponentialMotion((0.01, 0.01, 0.005), (0.004, 0.001, 0.002), (0.0, 0.001, 0.002)),
+        SystematicResampling(),
+        recovery or BayesRestart(weigh_jitter=True),
+        MapPrior(poses, half_spacing(poses), HEADING_SIGMA),
     )
 
 

@@ -1,0 +1,71 @@
+"""A linear support vector machine over feature vectors, one class against the rest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int64
+from numpy import ndarray
+
+
+@dataclass(frozen=True)
+class LinearSVM:
+    """Scores ``x @ weights.T + bias``, the largest of which wins.
+
+    Attributes:
+        c: the price of an error that it was fitted with.
+    """
+
+    weights: Float[ndarray, "k d"]
+    bias: Float[ndarray, "k"]
+    c: float
+
+    @classmethod
+    def fit(
+        cls, features: Float[ndarray, "n d"], labels: Int64[ndarray, "n"], count: int, c: float = 1.0, seed: int = 0
+    ) -> "LinearSVM":
+        """Fit to ``labels`` in [0, count); classes of which there is no image never win.
+
+        Features are brought to mean 0 and deviation 1 first, and the weights take that in: errors then cost the same
+        whatever the features' unit.
+
+        Raises:
+            ValueError: all images are of one class.
+        """
+        from sklearn.svm import LinearSVC
+
+        present = np.unique(labels)
+        if len(present) < 2:
+            raise ValueError("a machine needs images of two classes at least")
+        mean, deviation = features.mean(0), features.std(0)
+        # what hardly ever differs would be blown up by its own deviation
+        deviation = np.where(deviation > 1e-6 * max(float(deviation.max()), 1e-30), deviation, np.inf)
+        machine = LinearSVC(C=c, dual=len(features) < features.shape[1], random_state=seed, max_iter=5000)
+        machine.fit((features - mean) / deviation, labels)
+        found, offsets = machine.coef_ / deviation, machine.intercept_ - (machine.coef_ / deviation) @ mean
+        if len(present) == 2:  # one machine tells two classes apart
+            found, offsets = np.concatenate([-found, found]), np.concatenate([-offsets, offsets])
+        weights = np.zeros((count, features.shape[1]))
+        bias = np.full(count, -np.inf)
+        weights[present], bias[present] = found, offsets
+        return cls(weights, bias, c)
+
+    @classmethod
+    def choose(
+        cls,
+        train: tuple[Float[ndarray, "n d"], Int64[ndarray, "n"]],
+        validation: tuple[Float[ndarray, "m d"], Int64[ndarray, "m"]],
+        count: int,
+        prices: tuple[float, ...],
+        seed: int = 0,
+    ) -> "LinearSVM":
+        """The machine of the price with most right answers on the validation images; of equals the lowest price."""
+        machines = [cls.fit(*train, count, c, seed) for c in sorted(prices)]
+        if len(machines) == 1:
+            return machines[0]
+        features, labels = validation
+        right = [float((machine.scores(features).argmax(1) == labels).mean()) for machine in machines]
+        return machines[int(np.argmax(right))]
+
+    def scores(self, features: Float[ndarray, "n d"]) -> Float[ndarray, "n k"]:
+        """How much each image looks like each class."""
+        return np.asarray(features @ self.weights.T + self.bias)

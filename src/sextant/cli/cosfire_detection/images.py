@@ -1,0 +1,77 @@
+"""Images as a filter takes them: upright, not too large, grey or in colour."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+from PIL import Image, ImageOps
+from torch import Tensor
+
+from sextant.data.photos import read_photo
+from sextant.data.photos.pixels import rgb_bytes
+from sextant.data.photos.reading import SMALLEST_SIDE
+from sextant.errors import UserError
+
+
+@dataclass(frozen=True)
+class UprightImage:
+    """A decoded image, perhaps smaller than its original.
+
+    Attributes:
+        picture: RGB bytes.
+        width, height: of the upright original, pixels.
+    """
+
+    picture: UInt8[ndarray, "h w 3"]
+    width: int
+    height: int
+
+    @property
+    def scale(self) -> float:
+        """Pixels of the picture for one of the original."""
+        return float(self.picture.shape[1] / self.width)
+
+    def tensor(self, channels: int) -> Float[Tensor, "c h w"]:
+        """In [0, 1]; one channel is the luma."""
+        picture = self.picture if channels == 3 else np.asarray(Image.fromarray(self.picture).convert("L"))[..., None]
+        return torch.from_numpy(picture.copy()).permute(2, 0, 1).float() / 255
+
+    def at(self, point: tuple[float, float]) -> tuple[float, float]:
+        """A point of the original in the picture; pixels have their centres at whole numbers."""
+        across, down = self.picture.shape[1] / self.width, self.picture.shape[0] / self.height
+        return (point[0] + 0.5) * across - 0.5, (point[1] + 0.5) * down - 0.5
+
+
+def read_image(path: Path, longest: int) -> UprightImage:
+    """Decode an image of any size; larger ones are shrunk so that their longest side has ``longest`` pixels.
+
+    Raises:
+        UserError: as :func:`~sextant.data.photos.read_photo`, but that images may be small.
+    """
+    try:
+        photo = read_photo(path)
+        image, width, height = photo.image, photo.width, photo.height
+    except UserError:
+        small = _small(path)
+        if small is None:
+            raise
+        image, (height, width) = small, small.shape[:2]
+    shrink = longest / max(image.shape[:2])
+    if shrink < 1:
+        size = (max(1, round(image.shape[1] * shrink)), max(1, round(image.shape[0] * shrink)))
+        image = np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BICUBIC))
+    return UprightImage(image, width, height)
+
+
+def _small(path: Path) -> UInt8[ndarray, "h w 3"] | None:
+    """An image too small for a photo, but not for a filter; None if it is none or cannot be read."""
+    try:
+        with Image.open(path) as image:
+            if min(image.size) >= SMALLEST_SIDE:
+                return None
+            return np.asarray(rgb_bytes(ImageOps.exif_transpose(image), 1))
+    except Exception:  # what is wrong was told by read_photo
+        return None

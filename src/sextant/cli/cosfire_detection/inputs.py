@@ -1,0 +1,67 @@
+"""The example and the images of a detection; imports nothing heavier than Pillow."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+from sextant.cli.cosfire_detection.options import DetectionOptions, options_from
+from sextant.cli.input_photos import find_photos
+from sextant.errors import UserError
+
+ORIENTATION = 0x0112  # tag of EXIF; from 5 on, height and width change places
+
+
+@dataclass(frozen=True)
+class DetectionInputs:
+    """What is looked for, and where.
+
+    Attributes:
+        prototype: the example.
+        paths: of the images.
+        output: folder for what is found.
+        options: chosen by the user.
+    """
+
+    prototype: Path
+    paths: list[Path]
+    output: Path
+    options: DetectionOptions
+
+
+def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
+    """What the arguments name.
+
+    Raises:
+        UserError: an option has no meaning, there is no such prototype or no image, or the point lies outside.
+    """
+    options, output = options_from(given), Path(given["output"]).expanduser()
+    prototype = Path(given["prototype"]).expanduser()
+    if not prototype.is_file():
+        what = "is a folder, not one image" if prototype.is_dir() else "there is no such file"
+        raise UserError(f"prototype={given['prototype']}: {what}", "Give one image that shows what is looked for.")
+    size = _upright_size(prototype)
+    if options.point is not None and size is not None:
+        check_point(options.point, size)
+    return DetectionInputs(prototype, find_photos(given["input"], output), output, options)
+
+
+def check_point(point: tuple[float, float], size: tuple[int, int]) -> None:
+    """Raise a ``UserError`` if a point lies outside an image of this width and height."""
+    (x, y), (width, height) = point, size
+    if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+        raise UserError(
+            f"point={x:g},{y:g} lies outside the prototype of {width}x{height} pixels",
+            f"Choose x from 0 to {width - 1} and y from 0 to {height - 1}.",
+        )
+
+
+def _upright_size(path: Path) -> tuple[int, int] | None:
+    """Width and height by the header; None if it cannot be read, which is told when the image is decoded."""
+    try:
+        with Image.open(path) as image:
+            turned = int(image.getexif().get(ORIENTATION, 1)) in (5, 6, 7, 8)
+            return image.size[::-1] if turned else image.size
+    except Exception:  # decoders raise almost anything on broken files
+        return None

@@ -1,0 +1,124 @@
+"""COSFIRE filters: what they look through, how they are configured, how they respond."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, Tag
+
+from sextant.config.schema.parts import Count, CustomPart, Node, NonNegative, Part, Positive, choose_part
+
+UnitShare = Annotated[float, Field(ge=0, le=1)]
+Border = Literal["zeros", "replicate", "reflect", "circular"]
+
+
+class Features(Node):
+    """The feature map that filters and machines look at."""
+
+    run: str | None = Field(examples=["3f9a1c2e-s0"])
+    layer: str | None = Field(examples=["conv2"])
+
+
+class GaborBank(Part):
+    """Gabor filters."""
+
+    target: Literal["sextant.layers.cosfire.GaborBank"] = Field(alias="_target_")
+    wavelengths: Annotated[list[Annotated[float, Field(ge=2, le=1000)]], Field(min_length=1, examples=["[2.83,4]"])]
+    orientations: Count = Field(examples=[16])
+    span_deg: Positive | None = Field(examples=[360.0])
+    phase_deg: float = Field(examples=[90.0])
+    bandwidth: Positive = Field(examples=[2.0])
+    aspect: Positive = Field(examples=[0.5])
+    border: Border
+
+
+class DoGBank(Part):
+    """Differences of Gaussians."""
+
+    target: Literal["sextant.layers.cosfire.DoGBank"] = Field(alias="_target_")
+    sigmas: Annotated[list[Positive], Field(min_length=1, examples=["[1.0,2.4]"])]
+    polarities: Annotated[list[Literal[-1, 1]], Field(min_length=1, examples=["[1,-1]"])]
+    ratio: Positive = Field(examples=[0.5])
+    border: Border
+
+
+class FeatureBank(Part):
+    """Channels of the feature map."""
+
+    target: Literal["sextant.layers.cosfire.FeatureBank"] = Field(alias="_target_")
+    normalise: bool
+
+
+class VectorBank(Part):
+    """Directions in the feature map."""
+
+    target: Literal["sextant.layers.cosfire.VectorBank"] = Field(alias="_target_")
+    least: UnitShare = Field(examples=[0.05])
+
+
+Bank = Annotated[
+    Annotated[GaborBank, Tag("sextant.layers.cosfire.GaborBank")]
+    | Annotated[DoGBank, Tag("sextant.layers.cosfire.DoGBank")]
+    | Annotated[FeatureBank, Tag("sextant.layers.cosfire.FeatureBank")]
+    | Annotated[VectorBank, Tag("sextant.layers.cosfire.VectorBank")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(GaborBank, DoGBank, FeatureBank, VectorBank),
+]
+
+
+class ConcentricCircles(Part):
+    """Strategy C: circles about the point."""
+
+    target: Literal["sextant.layers.cosfire.ConcentricCircles"] = Field(alias="_target_")
+    radii: Annotated[list[NonNegative], Field(min_length=1, examples=["[0,3,8]"])]
+    t2: UnitShare = Field(examples=[0.75])
+    relative_to: Literal["place", "example"]
+    apart_deg: NonNegative = Field(examples=[22.5])
+    one_of: bool
+
+
+class ChannelPeaks(Part):
+    """Strategy A: peaks of channels."""
+
+    target: Literal["sextant.layers.cosfire.ChannelPeaks"] = Field(alias="_target_")
+    window: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[1])
+    reach: Positive = Field(examples=[8.0])
+    t2: UnitShare = Field(examples=[0.75])
+    strength: UnitShare = Field(examples=[0.2])
+    apart: NonNegative = Field(examples=[1.0])
+    most: Count = Field(examples=[20])
+
+
+class VectorKeypoints(Part):
+    """Strategy B: vectors of keypoints."""
+
+    target: Literal["sextant.layers.cosfire.VectorKeypoints"] = Field(alias="_target_")
+    window: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[1])
+    reach: Positive = Field(examples=[8.0])
+    strength: UnitShare = Field(examples=[0.2])
+    apart: NonNegative = Field(examples=[1.0])
+    most: Count = Field(examples=[20])
+
+
+Strategy = Annotated[
+    Annotated[ConcentricCircles, Tag("sextant.layers.cosfire.ConcentricCircles")]
+    | Annotated[ChannelPeaks, Tag("sextant.layers.cosfire.ChannelPeaks")]
+    | Annotated[VectorKeypoints, Tag("sextant.layers.cosfire.VectorKeypoints")]
+    | Annotated[CustomPart, Tag("custom")],
+    choose_part(ConcentricCircles, ChannelPeaks, VectorKeypoints),
+]
+
+
+class Filters(Node):
+    """How filters respond."""
+
+    sigma0: NonNegative = Field(examples=[0.67])
+    alpha: NonNegative = Field(examples=[0.1])
+    blur: Literal["max", "sum"]
+    mean: Literal["geometric", "arithmetic", "harmonic", "trimmed", "median"]
+    least_weight: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.5])
+    rotations: Count = Field(examples=[1])
+    span_deg: Positive = Field(examples=[360.0])
+    scales: Annotated[list[Positive], Field(min_length=1, examples=["[1.0]"])]
+    reflection: bool
+    t1: UnitShare = Field(examples=[0.05])
+    t3: UnitShare = Field(examples=[0.0])
+    floor: NonNegative = Field(examples=[0.01])

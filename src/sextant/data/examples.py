@@ -1,0 +1,110 @@
+"""Images to learn from by example: a network's own classes, and those that are told by few examples each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Int64
+from numpy import ndarray
+
+from sextant.data.batches import ImageBatches
+from sextant.data.datamodule import ImageData, in_memory
+from sextant.data.source import LabelledImages
+from sextant.data.split import stratified_split
+from sextant.errors import UserError
+
+
+@dataclass(frozen=True)
+class ExampleSettings:
+    """Which images are looked at.
+
+    Attributes:
+        images: of the training split, the same number of each class as near as can be; None: all.
+        novel_classes: so many classes, the last ones, are kept from the network and told by examples alone; the test is
+            among them. 0: the network and the examples have the same classes.
+        examples: of each class that filters and machines are made of; None: all.
+    """
+
+    images: int | None = None
+    novel_classes: int = 0
+    examples: int | None = None
+
+
+class ExampleData(ImageData):
+    """Splits ``train`` (of the network), ``validation``, ``examples``, ``tuning`` and ``test`` of a source.
+
+    ``validation`` watches the network, ``tuning`` are the validation images of the classes that are tested. Which
+    images are taken depends on the run's seed, the validation split does not.
+
+    Args:
+        settings: which images are looked at.
+        other arguments: as for :class:`ImageData`.
+    """
+
+    def __init__(self, *args: object, settings: ExampleSettings, **keywords: object):
+        super().__init__(*args, **keywords)  # type: ignore[arg-type]
+        self.settings = settings
+
+    @property
+    def tested(self) -> list[int]:
+        """Labels of the classes that the test is among."""
+        count = len(self.source.spec().classes)
+        return list(range(count - self.settings.novel_classes if self.settings.novel_classes else 0, count))
+
+    @property
+    def learnt(self) -> list[int]:
+        """Labels of the classes that the network is trained on."""
+        return list(range(len(self.source.spec().classes) - self.settings.novel_classes))
+
+    def setup(self, stage: str) -> None:
+        """Read the splits that ``stage`` needs; the test needs the examples as well, for what compares with them."""
+        if "examples" not in self._splits:
+            self._setup_examples(self.source.read("train"))
+        if stage == "test" and "test" not in self._splits:
+            self._splits["test"] = in_memory(_of(self.source.read("test"), self.tested))
+
+    def _setup_examples(self, data: LabelledImages) -> None:
+        settings = self.settings
+        try:
+            train, validation = stratified_split(data.labels, self.validation_fraction, self.split_seed)
+        except ValueError as error:
+            raise UserError(
+                f"dataset={self.source.name}: no validation split can be made: {error}", "Add images to that class."
+            ) from None
+        if settings.images is not None:
+            classes = len(self.source.spec().classes)
+            train = _some(data.labels, train, -(-settings.images // classes), self.seed)[: settings.images]
+        kept, held_out = (LabelledImages(data.images[rows], data.labels[rows]) for rows in (train, validation))
+        examples = _of(kept, self.tested)
+        if settings.examples is not None:
+            rows = _some(examples.labels, np.arange(len(examples.labels)), settings.examples, self.seed)
+            examples = LabelledImages(examples.images[rows], examples.labels[rows])
+        splits = {
+            "train": _of(kept, self.learnt),
+            "validation": _of(held_out, self.learnt),
+            "examples": examples,
+            "tuning": _of(held_out, self.tested),
+        }
+        self._splits |= {name: in_memory(images) for name, images in splits.items()}
+
+
+def images_of(split: ImageBatches, rows: slice | torch.Tensor) -> torch.Tensor:
+    """Images as float32 in [0, 1]."""
+    return split.images[rows].float() / 255
+
+
+def _of(data: LabelledImages, labels: list[int]) -> LabelledImages:
+    rows = np.isin(data.labels, labels)
+    return data if rows.all() else LabelledImages(data.images[rows], data.labels[rows])
+
+
+def _some(labels: Int64[ndarray, "n"], rows: Int64[ndarray, "m"], each: int, seed: int) -> Int64[ndarray, "k"]:
+    """``each`` of the rows of every class, at random; classes in turn, so that a beginning of them is even."""
+    rng = np.random.default_rng(seed)
+    chosen = []
+    for label in np.unique(labels[rows]):
+        members = rows[labels[rows] == label]
+        chosen.append(rng.permutation(members)[:each])
+    longest = max(map(len, chosen))
+    turns = [members[turn] for turn in range(longest) for members in chosen if turn < len(members)]
+    return np.array(turns, np.int64)

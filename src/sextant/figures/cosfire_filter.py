@@ -1,0 +1,142 @@
+"""A COSFIRE filter drawn on the example that it was configured from."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Rectangle
+from matplotlib.transforms import Affine2D
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.figures.style import COLOURS, new_figure
+from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
+from sextant.layers.cosfire.tuples import offsets
+
+#: circles that are drawn singly; of more only the outermost is
+MOST_CIRCLES = 12
+#: kinds of parts that the legend names
+MOST_NAMES = 7
+#: length of a bar in wavelengths: the envelope of a Gabor filter of the usual shape, one sigma to either side
+BAR_LENGTH = 1.25
+FAINTEST, STRONGEST = 0.3, 0.9
+#: how much of that discs have which bars lie upon
+BELOW_BARS = 0.5
+#: of an example much larger than the filter so many radii about the point are shown
+AROUND = 1.6
+
+
+def cosfire_filter(
+    filters: Cosfire,
+    example: Float[Tensor, "c h w"],
+    point: tuple[float, float] | None = None,
+    *,
+    number: int = 0,
+    title: str = "",
+) -> Figure:
+    """The parts of one filter where its prototype has them.
+
+    A disc has the size of the part's tolerance σ = σ0 + αρ and is the more opaque the more the part weighs. What it
+    looks for is a bar of half a wavelength in its direction for Gabor filters; elsewhere the colour tells the channel.
+
+    Args:
+        filters: configured; the parts are those of ``filters.tuples(number)``.
+        example: as it was given to ``configure``, in [0, 1].
+        point: likewise, x and y in its pixels; None is the pixel in its middle.
+        number: of the filter.
+        title: above the figure.
+
+    Raises:
+        ValueError: the bank does not take images of this number of channels.
+    """
+    height, width = example.shape[1:]
+    x, y = point or (width // 2, height // 2)
+    stride = _stride(filters, example)
+    parts, weights = filters.tuples(number), _weights(filters, number)
+    across, down = (part.detach().double().numpy() for part in offsets(parts.rho, parts.phi))
+    rho, channels = parts.rho.detach().numpy(), parts.channels.detach().numpy()
+    names = _names(filters, channels)
+    kinds = list(dict.fromkeys(names))
+    sigmas = np.maximum(stride * (filters.blur.sigma0 + filters.blur.alpha * rho), 0.4)
+    left, right, top, bottom = _seen((x, y), AROUND * float((stride * rho + sigmas).max()), (width, height))
+    wide, high = right - left, bottom - top
+    figure, (axes,) = new_figure(5.0 * min(1.0, wide / high) + 1.6, 5.0 * min(1.0, high / wide) + 0.6)
+    picture = example.detach().float().clamp(0, 1).permute(1, 2, 0).numpy()
+    axes.imshow(picture[..., 0] if picture.shape[2] == 1 else picture[..., :3], cmap="gray", vmin=0, vmax=1)
+    _circles(axes, (x, y), stride * np.unique(rho.round(6)))
+    bars = isinstance(filters.bank, GaborBank)
+    for part, kind in enumerate(names):
+        centre = (x + stride * across[part], y + stride * down[part])
+        colour = COLOURS[kinds.index(kind) % len(COLOURS)]
+        opacity = FAINTEST + (STRONGEST - FAINTEST) * weights[part] / max(weights.max(), 1e-12)
+        opacity *= BELOW_BARS if bars else 1.0
+        disc = Circle(centre, float(sigmas[part]), facecolor=colour, edgecolor="white", linewidth=0.5, alpha=opacity)
+        axes.add_patch(disc)
+        if bars:
+            axes.add_patch(_bar(axes, centre, channels[part], colour, opacity / BELOW_BARS))
+    axes.plot(x, y, "+", color="white", markersize=11, markeredgewidth=2.4)
+    axes.plot(x, y, "+", color="black", markersize=9, markeredgewidth=1.2)
+    axes.set(xticks=[], yticks=[], xlim=(left, right), ylim=(bottom, top))
+    axes.set_title(title or f"{len(names)} parts", fontsize=9)
+    if 0 < len(kinds) <= MOST_NAMES:
+        handles: list[Artist] = [
+            Line2D([], [], marker="o", linestyle="", color=COLOURS[i % len(COLOURS)], label=kind)
+            for i, kind in enumerate(kinds)
+        ]
+        figure.legend(handles=handles, loc="outside right upper", frameon=False, fontsize=8)
+    return figure
+
+
+def _seen(point: tuple[float, float], reach: float, size: tuple[int, int]) -> tuple[float, float, float, float]:
+    """Left, right, top and bottom of what is shown: within ``reach`` of the point and within the example."""
+    (x, y), (width, height) = point, size
+    left, right = max(-0.5, x - reach), min(width - 0.5, x + reach)
+    return left, right, max(-0.5, y - reach), min(height - 0.5, y + reach)
+
+
+def _stride(filters: Cosfire, example: Tensor) -> float:
+    """Pixels of the image for one of the maps."""
+    with torch.no_grad():
+        return float(example.shape[-1] / filters.bank.describe(example[None]).shape[-1])
+
+
+def _weights(filters: Cosfire, number: int) -> Float[ndarray, "n"]:
+    first = int((filters.filter_of_form == number).nonzero()[0, 0])
+    return filters.weights.detach().double().numpy()[(filters.form == first).numpy()]  # type: ignore[no-any-return]
+
+
+def _names(filters: Cosfire, channels: Float[ndarray, "n p"]) -> Sequence[str]:
+    """What kind of part each is."""
+    if isinstance(filters.bank, GaborBank):
+        return [f"λ {wavelength:.3g} px" for wavelength, _ in channels]
+    if isinstance(filters.bank, DoGBank):
+        return [f"{'bright' if polarity > 0 else 'dark'}, σ {sigma:.3g} px" for polarity, sigma in channels]
+    if channels.shape[1] == 1:
+        return [f"channel {int(channel)}" for (channel,) in channels]
+    return [f"vector {part + 1}" for part in range(len(channels))]
+
+
+def _circles(axes: Axes, centre: tuple[float, float], radii: Float[ndarray, "r"]) -> None:
+    """The circles that parts lie on, or the one around all of them where there is no such order."""
+    radii = radii[radii > 0]
+    for radius in radii if len(radii) <= MOST_CIRCLES else radii[-1:]:
+        for colour, line in (("black", 1.6), ("white", 0.8)):
+            axes.add_patch(Circle(centre, float(radius), fill=False, edgecolor=colour, linewidth=line, alpha=0.6))
+
+
+def _bar(
+    axes: Axes, centre: tuple[float, float], channel: Float[ndarray, "2"], colour: str, opacity: float
+) -> Rectangle:
+    """Half a wavelength wide; θ is the direction across it, counter-clockwise, and y grows downwards."""
+    wavelength, theta = channel
+    width, length = wavelength / 2, BAR_LENGTH * wavelength
+    corner = (centre[0] - width / 2, centre[1] - length / 2)
+    bar = Rectangle(corner, width, length, facecolor=colour, edgecolor="white", linewidth=0.6, alpha=opacity)
+    bar.set_transform(Affine2D().rotate_deg_around(*centre, -math.degrees(theta)) + axes.transData)
+    return bar

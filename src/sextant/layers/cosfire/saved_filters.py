@@ -1,0 +1,129 @@
+"""Filters in one safetensors file: arrays of their parts, and all options as JSON in its header.
+
+Nothing is unpickled, and nothing but the classes named here is built. Weights of a network are not in the file.
+"""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from sextant.atomic_files import write_atomically
+from sextant.errors import UserError
+from sextant.layers.cosfire.bank import Bank
+from sextant.layers.cosfire.blur import Blur
+from sextant.layers.cosfire.channel_peaks import ChannelPeaks
+from sextant.layers.cosfire.concentric_circles import ConcentricCircles
+from sextant.layers.cosfire.difference_of_gaussians import DoGBank
+from sextant.layers.cosfire.filter_parts import ARRAYS
+from sextant.layers.cosfire.gabor import GaborBank
+from sextant.layers.cosfire.tolerance import Tolerance
+from sextant.layers.cosfire.vector_keypoints import VectorKeypoints
+
+if TYPE_CHECKING:
+    from sextant.layers.cosfire.cosfire import Cosfire
+
+KEY, VERSION = "sextant.cosfire", 1
+BANKS = {bank.__name__: bank for bank in (GaborBank, DoGBank)}
+STRATEGIES = {strategy.__name__: strategy for strategy in (ChannelPeaks, ConcentricCircles, VectorKeypoints)}
+
+
+def save_filters(filters: "Cosfire", path: Path) -> None:
+    """See :meth:`Cosfire.save`."""
+    from safetensors.torch import save
+
+    strategy = filters.strategy
+    if STRATEGIES.get(type(strategy).__name__) is not type(strategy):
+        raise UserError(
+            f"filters with the strategy {type(strategy).__name__} cannot be saved",
+            f"Keep their state_dict() instead, or use one of {', '.join(STRATEGIES)}.",
+        )
+    header = {
+        "version": VERSION,
+        "bank": {"class": type(filters.bank).__name__, "options": filters.bank.options()},
+        "grid": list(filters.bank.grid().shape),
+        "strategy": {"class": type(strategy).__name__, "options": asdict(strategy)},
+        "blur": asdict(filters.blur),
+        "tolerance": asdict(filters.tolerance),
+        "numbers": filters.options(),
+    }
+    arrays = {name: getattr(filters, name).detach().cpu().contiguous() for name in ARRAYS}
+    packed = save(arrays, {KEY: json.dumps(header)})
+    write_atomically(Path(path), lambda file: file.write(packed))
+
+
+def load_filters(path: Path, bank: Bank | None) -> "Cosfire":
+    """See :meth:`Cosfire.load`."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, "pt") as file:
+            if KEY not in (file.metadata() or {}):
+                raise ValueError("it is a safetensors file of something else")
+            header = json.loads(file.metadata()[KEY])
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dict
+        return _built(header, arrays, bank, path)
+    except FileNotFoundError:
+        raise UserError(f"there is no file {path}", "Give one that Cosfire.save wrote.") from None
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        problem = (str(error) or type(error).__name__).splitlines()[0]
+        raise UserError(
+            f"{path} cannot be read as COSFIRE filters: {problem}", "Give a file that Cosfire.save wrote."
+        ) from error
+
+
+def _built(header: dict[str, Any], arrays: dict[str, Tensor], bank: Bank | None, path: Path) -> "Cosfire":
+    from sextant.layers.cosfire.cosfire import Cosfire
+
+    if header["version"] != VERSION:
+        raise ValueError(f"version {header['version']} is not {VERSION}")
+    name, options = header["bank"]["class"], header["bank"]["options"]
+    if bank is None:
+        if name not in BANKS:
+            raise UserError(
+                f"the filters of {path} look through a {name}, whose network is not in the file",
+                "Give it: Cosfire.load(path, bank=...).",
+            )
+        bank = BANKS[name](**_tuples(options))
+    if type(bank).__name__ != name or list(bank.grid().shape) != header["grid"]:
+        raise UserError(
+            f"the filters of {path} were made for a {name} of {header['grid'][0]} channels, not for a "
+            f"{type(bank).__name__} of {len(bank.grid())}",
+            "Give the bank that they were configured with.",
+        )
+    strategy = STRATEGIES[header["strategy"]["class"]](**_tuples(header["strategy"]["options"]))
+    filters = Cosfire(
+        bank,
+        strategy,
+        blur=Blur(**header["blur"]),
+        tolerance=Tolerance(**_tuples(header["tolerance"])),
+        **header["numbers"],
+    )
+    _check(arrays)
+    missing, unexpected = filters.load_state_dict(arrays, strict=False)
+    if unexpected or any("." not in key for key in missing):  # those of a network within the bank are not in the file
+        raise ValueError(f"arrays are missing or too many: {[*missing, *unexpected]}")
+    return filters
+
+
+def _tuples(options: dict[str, Any]) -> dict[str, Any]:
+    """JSON has no tuples."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in options.items()}
+
+
+def _check(arrays: dict[str, Tensor]) -> None:
+    """Raise a ``ValueError`` unless arrays describe filters whose parts stand in order."""
+    count, forms = len(arrays["rho"]), arrays["filter_of_form"]
+    if any(len(array) != count for name, array in arrays.items() if name != "filter_of_form"):
+        raise ValueError("arrays of different lengths")
+    for numbers, parts in ((arrays["form"], count), (forms, len(forms))):
+        steps = torch.diff(numbers, prepend=numbers.new_tensor([-1]))
+        if numbers.dtype != torch.int64 or len(numbers) != parts or bool(((steps != 0) & (steps != 1)).any()):
+            raise ValueError("parts do not stand in order")
+    if (int(arrays["form"].max()) + 1 if count else 0) != len(forms):
+        raise ValueError("parts without a filter")
+    if not all(bool(array.isfinite().all()) for array in arrays.values()):
+        raise ValueError("values that are not finite")

@@ -1,0 +1,261 @@
+"""A map of any number of images, made of a stream of them in bounded memory: descriptors never lie in memory together.
+
+Images go into a file as they come. Then their descriptors are sorted in
+:func:`~sextant.localization.spatial_order.spatial_order`, a block at a time; and their neighbourhoods are prepared tile
+by tile, each from its own images and a halo around them. What is left is the folder of a map like any other,
+:mod:`~sextant.localization.saved_map`, whose observations read the tiles that poses ask for.
+
+In memory are a tile with its halo, and some 100 bytes an image while the poses are sorted. On disk the descriptors are
+there twice until they are sorted. A builder that is made on the folder of one that was interrupted goes on from the
+images, blocks and tiles that are done.
+"""
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.atomic_files import read_json, write_atomically, write_json
+from sextant.errors import UserError
+from sextant.geometry.planar import wrap_angle
+from sextant.localization.descriptor_map import BLOCK, DescriptorMap, mean_of_blocks
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.observation._caches import images_at_a_time, layout, prepared
+from sextant.localization.observation._tiles import Tiles
+from sextant.localization.observation.cached_local_gp import CachedLocalGP, MapEvidence
+from sextant.localization.observation.neighbourhoods import check_neighbours
+from sextant.localization.pose_kernel import PoseKernel
+from sextant.localization.saved_map import HEADER, array_path, write_header
+from sextant.localization.spatial_order import spatial_order
+
+#: images of a tile: 2 MiB of 128 values
+TILE = 4096
+PROGRESS, INCOMING = "building.json", "incoming"
+FORMAT = "sextant.tiled_map_in_the_making"
+#: told how many images are done with the step that is under way, and of how many
+Told = Callable[[int, int], None]
+
+
+class TiledMapBuilder:
+    """Makes a map in a folder: images are added, then it is finished.
+
+    Args:
+        folder: is made if need be; that of a builder that was interrupted is gone on with.
+
+    Attributes:
+        images: that were added, by an interrupted builder too: a stream goes on with the next one.
+
+    Raises:
+        UserError: the folder holds a map already, or what is in it is not of a builder.
+    """
+
+    def __init__(self, folder: Path | str):
+        self.folder = Path(folder).expanduser()
+        if (self.folder / HEADER).is_file():
+            raise UserError(f"{self.folder} holds a map already", "Delete it, or name another folder.")
+        known = read_json(self.folder / PROGRESS)
+        if known is None and (self.folder / PROGRESS).is_file():
+            raise UserError(f"{self.folder / PROGRESS} is damaged", "Delete the folder and begin anew.")
+        self._state: dict[str, Any] = known or {"format": FORMAT, "stage": "adding", "images": 0, "dimension": 0}
+        if not isinstance(self._state, dict) or self._state.get("format") != FORMAT:
+            raise UserError(f"{self.folder} is not of a map in the making", "Name another folder.")
+
+    @property
+    def images(self) -> int:
+        """See the class."""
+        return int(self._state["images"])
+
+    def add(self, poses: Float64[Tensor, "m 3"], descriptors: Float32[Tensor, "m d"]) -> None:
+        """Take the next images; when it returns they are in the files of the folder.
+
+        Args:
+            poses: x, y in metres and heading in rad, in no order.
+            descriptors: of the images there.
+
+        Raises:
+            UserError: a pose or descriptor is not finite, or of another dimension than those before; or the map was
+                being finished already.
+            OSError: the folder cannot be written.
+        """
+        if self._state["stage"] != "adding":
+            raise UserError(f"the map in {self.folder} is being finished", "Call finish(), or begin in another folder.")
+        if not len(poses):
+            return
+        self._check(poses, descriptors)
+        for name, array in (("poses", poses.numpy()), ("descriptors", descriptors.numpy())):
+            self._append(name, np.ascontiguousarray(array))
+        self._note(images=self.images + len(poses), dimension=descriptors.shape[1])
+
+    def finish(
+        self,
+        kernel: PoseKernel,
+        likelihood: Likelihood,
+        *,
+        neighbours: int = 16,
+        blend: int = 1,
+        map_evidence: MapEvidence = "image",
+        tile: int = TILE,
+        facts: dict[str, Any] | None = None,
+        progress: Told | None = None,
+    ) -> None:
+        """Sort the images, prepare their neighbourhoods, and make a map of the folder.
+
+        Args:
+            kernel, likelihood: see :func:`~sextant.localization.saved_map.save_map`.
+            neighbours, blend, map_evidence, tile: of the :class:`CachedLocalGP` that the map is opened as.
+            facts: what else is kept with the map.
+            progress: see :data:`Told`.
+
+        Raises:
+            UserError: there is no image, there are two at one pose, ``neighbours`` or ``blend`` is not a number of
+                images that the map has, or the covariance of neighbours is not positive definite.
+            OSError: the folder cannot be written.
+        """
+        if not self.images:
+            raise UserError("the map is empty: no image was added", "Call add(poses, descriptors) first.")
+        for count in (neighbours, blend):
+            check_neighbours(count, self.images)
+        model = CachedLocalGP(neighbours, blend, map_evidence, tile)
+        if self._state["stage"] in ("adding", "sorting"):
+            self._sort(progress)
+        self._prepare(kernel, neighbours, tile, progress)
+        shutil.rmtree(self.folder / INCOMING, ignore_errors=True)
+        arrays = ["poses", "descriptors", "mean", *self._caches(kernel, neighbours)]
+        write_header(self.folder, model, kernel, likelihood, facts or {}, arrays)
+        (self.folder / PROGRESS).unlink()
+
+    # -- adding --------------------------------------------------------------------------------------------------------
+
+    def _check(self, poses: Tensor, descriptors: Tensor) -> None:
+        if self.images and descriptors.shape[1] != self._state["dimension"]:
+            raise UserError(
+                f"descriptors have {descriptors.shape[1]} values, those before had {self._state['dimension']}",
+                "Describe all images with one descriptor.",
+            )
+        broken = ~(poses.isfinite().all(dim=1) & descriptors.isfinite().all(dim=1))
+        if bool(broken.any()):
+            row = self.images + int(broken.nonzero()[0])
+            raise UserError(
+                f"{int(broken.sum())} images have a pose or descriptor that is not finite, the first of them image "
+                f"{row}, counted from 0",
+                "Leave these images out.",
+            )
+
+    def _append(self, name: str, array: ndarray) -> None:
+        """Write rows after those that are known of; whatever an interrupted call left there is overwritten."""
+        path = self._incoming(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("r+b" if path.is_file() else "wb") as file:
+            file.seek(self.images * array.shape[1] * array.itemsize)
+            file.truncate()
+            array.tofile(file)
+
+    def _incoming(self, name: str) -> Path:
+        return self.folder / INCOMING / name
+
+    def _note(self, **known: Any) -> None:
+        self._state = {**self._state, **known}
+        write_json(self.folder / PROGRESS, self._state)
+
+    # -- sorting -------------------------------------------------------------------------------------------------------
+
+    def _sort(self, progress: Told | None) -> None:
+        poses = torch.from_numpy(np.fromfile(self._incoming("poses"), np.float64, 3 * self.images).reshape(-1, 3))
+        _refuse_repeated(poses)
+        order = spatial_order(poses)
+        shape = (self.images, int(self._state["dimension"]))
+        if self._state["stage"] == "adding":
+            sorted_poses = poses[order].numpy()
+            write_atomically(array_path(self.folder, "poses"), partial(np.save, arr=sorted_poses, allow_pickle=False))
+            _make_file(array_path(self.folder, "descriptors"), shape, np.float32)
+            self._note(stage="sorting", sorted=0)
+        for start in range(int(self._state["sorted"]), self.images, BLOCK):
+            block = order[start : start + BLOCK]
+            # opened for each block, so that pages of one are not held while the next ones are read
+            come = np.memmap(self._incoming("descriptors"), np.float32, "r", shape=shape)
+            self._write("descriptors", start, come[block.numpy()])
+            self._note(sorted=start + len(block))
+            if progress is not None:
+                progress(start + len(block), self.images)
+        mean = mean_of_blocks(self._descriptor_blocks()).numpy()
+        write_atomically(array_path(self.folder, "mean"), partial(np.save, arr=mean, allow_pickle=False))
+        self._note(stage="preparing", prepared=0)
+
+    def _descriptor_blocks(self) -> Iterator[Tensor]:
+        for start in range(0, self.images, BLOCK):
+            yield torch.from_numpy(self._mapped("descriptors")[start : start + BLOCK].copy())
+
+    def _mapped(self, name: str) -> ndarray:
+        mapped: ndarray = np.load(array_path(self.folder, name), mmap_mode="r", allow_pickle=False)
+        return mapped
+
+    def _write(self, name: str, start: int, rows: ndarray) -> None:
+        file = np.load(array_path(self.folder, name), mmap_mode="r+", allow_pickle=False)
+        file[start : start + len(rows)] = rows
+        file.flush()
+
+    # -- preparing -----------------------------------------------------------------------------------------------------
+
+    def _caches(self, kernel: PoseKernel, k: int) -> dict[str, tuple[tuple[int, ...], type[np.generic]]]:
+        return {f"state/{name}": kind for name, kind in layout(self.images, k, kernel).items()}
+
+    def _prepare(self, kernel: PoseKernel, k: int, size: int, progress: Told | None) -> None:
+        settings = {"kernel": asdict(kernel) | {"length": list(kernel.length)}, "neighbours": k, "tile": size}
+        if self._state.get("settings") != settings:  # not begun, or begun with others
+            for name, (shape, dtype) in self._caches(kernel, k).items():
+                _make_file(array_path(self.folder, name), shape, dtype)
+            self._note(settings=settings, prepared=0)
+        # copied, so that tensors may be made of it; its pages are the file's until then
+        poses = torch.from_numpy(np.load(array_path(self.folder, "poses"), mmap_mode="c", allow_pickle=False))
+        mean = torch.from_numpy(np.load(array_path(self.folder, "mean"), allow_pickle=False))
+        tiles = Tiles(poses, kernel, size, least=k)
+        for tile in range(int(self._state["prepared"]), len(tiles)):
+            rows, neighbours = tiles.rows(tile), tiles.neighbours(tile, k)
+            used = torch.unique(neighbours)
+            near = DescriptorMap(poses[used], torch.from_numpy(self._mapped("descriptors")[used.numpy()]), mean)
+            self._prepare_tile(near, kernel, rows, neighbours, used)
+            self._note(prepared=tile + 1)
+            if progress is not None:
+                progress(int(rows[-1]) + 1, self.images)
+
+    def _prepare_tile(
+        self, near: DescriptorMap, kernel: PoseKernel, rows: Tensor, neighbours: Tensor, used: Tensor
+    ) -> None:
+        at_a_time = images_at_a_time(neighbours.shape[1], near.dimension)
+        for some, of_some in zip(rows.split(at_a_time), neighbours.split(at_a_time), strict=True):
+            among, own = torch.searchsorted(used, of_some), torch.searchsorted(used, some)
+            found = prepared(near, kernel, among, own) | {"neighbours": of_some.int()}
+            for name, values in found.items():
+                self._write(f"state/{name}", int(some[0]), values.numpy())
+
+
+def _make_file(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with suppress(FileNotFoundError):
+        path.unlink()
+    np.lib.format.open_memmap(path, mode="w+", dtype=dtype, shape=shape).flush()
+
+
+def _refuse_repeated(poses: Float64[Tensor, "n 3"]) -> None:
+    x, y, heading = poses[:, 0].numpy(), poses[:, 1].numpy(), wrap_angle(poses[:, 2]).numpy()
+    order = np.lexsort((heading, y, x))
+    alike = np.ones(len(order) - 1, dtype=bool)
+    for column in (x, y, heading):
+        ordered = column[order]
+        alike &= ordered[1:] == ordered[:-1]
+    if alike.any():
+        first = int(np.flatnonzero(alike)[0])
+        raise UserError(
+            f"{int(alike.sum())} images have a pose that another one has too (same x, y and heading), such as images "
+            f"{min(order[first], order[first + 1])} and {max(order[first], order[first + 1])}, counted from 0",
+            "Leave one of them out.",
+        )

@@ -1,0 +1,80 @@
+"""Metrics of runs by the names that a report calls them by."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+#: limits of a protocol, which are a part of the names of metrics that rest on them: ``_0.5m_10deg_10f``
+_LIMITS = r"(?:_[\d.]+(?:m|frames)(?:_[\d.]+deg)?_\d+f)?"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What a column of a report is.
+
+    Attributes:
+        name: of the metric in ``metrics.json``, without ``test/``, the limits of a protocol, and the condition. A name
+            with a stroke in it is taken as it is.
+        title: of the column.
+        meaning: for the reader, if the title does not say all.
+        scale: that values are multiplied by.
+    """
+
+    name: str
+    title: str
+    meaning: str = ""
+    scale: float = 1.0
+
+    def values(self, metrics: Mapping[str, float], conditions: Sequence[str]) -> dict[str, float]:
+        """What a run told of it, by condition; under ``""`` what it told of all of them together.
+
+        Args:
+            metrics: of the run.
+            conditions: of the report, whose names in metrics have strokes and underscores for commas and blanks.
+        """
+        spelt = {condition.replace(", ", "/").replace(" ", "_"): condition for condition in conditions}
+        start = re.escape(self.name) if "/" in self.name else f"test/{re.escape(self.name)}"
+        wanted = re.compile(f"{start}{_LIMITS}(?:/(?P<condition>.+))?")
+        found = {}
+        for key, value in metrics.items():
+            if matched := wanted.fullmatch(key):
+                condition = matched["condition"] or ""
+                found[spelt.get(condition, condition)] = self.scale * value
+        return found
+
+
+_KNOWN = (
+    Metric("success", "success, %", scale=100),
+    Metric("frames_to_converge_median", "frames to converge", "median of the runs along drives that converged"),
+    Metric("recovered", "recovered, %", "of the runs that were carried away", scale=100),
+    Metric("frames_to_recover_median", "frames to recover", "median of the runs that recovered"),
+    Metric("tracking", "tracking, %", "share of the frames within the limits, from convergence on", scale=100),
+    Metric("position_error_median", "position error", "median from convergence on, in the unit of the map"),
+    Metric("heading_error_deg_median", "heading error, deg", "likewise"),
+    Metric("pose_nll", "NLL of the pose", "nats, of the true pose under the particles from convergence on"),
+    Metric("nees_median", "NEES, median", "of a calibrated posterior 2.37 in the plane, 0.45 along a railway"),
+    Metric("coverage_95", "95 % region holds, %", "share of the steps whose region holds the true pose", scale=100),
+    Metric("ess", "ESS", "effective particles before resampling, mean"),
+    Metric(
+        "descriptor_nll",
+        "NLL of descriptors",
+        "nats a number of the test drives' descriptors at their true poses, under the fitted appearance noise and "
+        "without tempering",
+    ),
+    Metric("us_per_particle", "µs a particle", "of weighing 1,000 of them"),
+    Metric("ms_per_image", "ms an image", "that it costs once, whatever the number of particles"),
+    Metric("ms_per_step_of_all_runs", "ms a step", "of a filter of all runs along a drive at once"),
+    Metric("fit_map_s", "fit, s", "of the observation model to the map"),
+    Metric("model_mb", "model, MB", "beside the map's descriptors"),
+    Metric(
+        "peak_memory_mb",
+        "peak memory, MB",
+        "resident, training included; a worker of a sweep holds what runs before it left",
+    ),
+)
+KNOWN = {metric.name: metric for metric in _KNOWN}
+
+
+def metric_of(name: str) -> Metric:
+    """The metric of that name; one that is not known has its name for a title."""
+    return KNOWN.get(name) or Metric(name, name)

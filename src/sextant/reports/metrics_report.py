@@ -1,0 +1,160 @@
+"""The part of a report that tabulates metrics of the runs beside the measure that they are compared by."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sextant.evaluation import mean_interval
+from sextant.reports.metric import Metric, metric_of
+from sextant.reports.results import CellResult, SweepResults
+from sextant.reports.section import Section
+from sextant.reports.tables import TextTable, decimals, interval, number
+
+#: under this name the mean over conditions is told
+TOGETHER = "all conditions"
+
+
+@dataclass(frozen=True)
+class MetricSummary:
+    """One metric of one setting and arm under one condition, over converged runs.
+
+    Attributes:
+        condition: or ``TOGETHER``: what a run tells of all conditions, or else the mean over those of which it tells.
+        runs: that told something.
+        told, asked: values that the means are of, and how many there would be if every run told all: a run that never
+            converges has no position error.
+        mean, spread: over runs.
+        low, high: 95 % interval of the mean, by Student's t.
+    """
+
+    setting: str
+    arm: str
+    condition: str
+    metric: Metric
+    runs: int
+    told: int
+    asked: int
+    mean: float
+    spread: float
+    low: float
+    high: float
+
+
+def metrics_section(results: SweepResults) -> Section:
+    """Tables of the metrics that the sweep names, or of those usual for what it measures; empty without any."""
+    metrics, unknown = _told_of(results)
+    if not metrics:
+        return Section()
+    rows = metric_summaries(results, metrics)
+    conditions = [name for name in results.conditions if any(row.condition == name for row in rows)]
+    meanings = [f"- *{metric.title}*: {metric.meaning}" for metric in metrics if metric.meaning]
+    parts = ["## Further metrics\n", _legend(rows), metric_table(rows, metrics).markdown()]
+    if meanings:
+        parts.append("\n".join(meanings) + "\n")
+    if unknown:
+        parts.append(f"No run tells of {', '.join(unknown)}.\n")
+    if len(conditions) > 1:
+        table = metric_table(rows, metrics, conditions).markdown()
+        parts.append(f"<details><summary>The same by condition</summary>\n\n{table}\n</details>\n")
+    return Section("\n".join(parts), {"metrics.csv": metric_rows(rows).csv()})
+
+
+def metric_summaries(results: SweepResults, metrics: Sequence[Metric]) -> list[MetricSummary]:
+    """Every metric of every setting and arm: of all conditions together, then by condition."""
+    rows = []
+    for setting in results.settings:
+        for arm in results.arms:
+            cells = [cell for cell in results.of(setting, arm) if cell.outcome == "finished"]
+            for metric in metrics:
+                rows += _of_arm(setting, arm, cells, metric, results.conditions)
+    return rows
+
+
+def metric_table(
+    rows: Sequence[MetricSummary], metrics: Sequence[Metric], conditions: Sequence[str] | None = None
+) -> TextTable:
+    """One row a setting and arm, and a condition if any are given; mean and interval of each metric.
+
+    Where values are missing, how many there are of how many is told. Metrics without a value are left out.
+    """
+    found = {(row.setting, row.arm, row.condition, row.metric.name): row for row in rows}
+    wanted = list(conditions or [TOGETHER])
+    there = {(row.condition, row.metric.name) for row in rows}
+    columns = [metric for metric in metrics if any((condition, metric.name) in there for condition in wanted)]
+    by_condition = ["condition"] if conditions else []
+    body = []
+    for condition in wanted:
+        for setting, arm in dict.fromkeys((row.setting, row.arm) for row in rows):
+            cells = [_cell(found.get((setting, arm, condition, metric.name))) for metric in columns]
+            body.append([*([condition] if conditions else []), setting, arm, *cells])
+    return TextTable([*by_condition, "setting", "arm", *(metric.title for metric in columns)], body)
+
+
+def metric_rows(rows: Sequence[MetricSummary]) -> TextTable:
+    """The same as numbers, one a row."""
+    columns = ["setting", "arm", "condition", "metric", "runs", "told", "asked", "mean", "spread", "low", "high"]
+    body = [
+        [row.setting, row.arm, row.condition, row.metric.title]
+        + [str(value) for value in (row.runs, row.told, row.asked, row.mean, row.spread, row.low, row.high)]
+        for row in rows
+    ]
+    return TextTable(columns, body)
+
+
+def _told_of(results: SweepResults) -> tuple[list[Metric], list[str]]:
+    """The metrics that at least one run tells, and the names of those that were asked for and no run tells."""
+    asked = list(results.plan.definition.get("metrics") or [])
+    wanted = [metric_of(name) for name in asked or results.measure.metrics]
+    told = [m for m in wanted if any(m.values(cell.metrics, results.conditions) for cell in results.cells)]
+    return told, [metric.name for metric in wanted if metric not in told] if asked else []
+
+
+def _of_arm(
+    setting: str, arm: str, cells: Sequence[CellResult], metric: Metric, conditions: Sequence[str]
+) -> list[MetricSummary]:
+    each = [metric.values(cell.metrics, conditions) for cell in cells]
+    names = list(dict.fromkeys(name for values in each for name in values if name))
+    rows = []
+    if any(each):
+        whole = [{"": values[""]} if "" in values else values for values in each]
+        pooled = [float(np.mean(list(values.values()))) for values in whole if values]
+        asked = sum(1 if "" in values else max(1, len(names)) for values in whole)
+        rows.append(_summary(setting, arm, TOGETHER, metric, pooled, sum(map(len, whole)), asked))
+    for name in names:
+        told = [values[name] for values in each if name in values]
+        rows.append(_summary(setting, arm, name, metric, told, len(told), len(cells)))
+    return rows
+
+
+def _summary(
+    setting: str, arm: str, condition: str, metric: Metric, values: Sequence[float], told: int, asked: int
+) -> MetricSummary:
+    found = np.array(values)
+    spread = float(found.std(ddof=1)) if len(found) > 1 else float("nan")
+    low, high = mean_interval(found)
+    return MetricSummary(
+        setting, arm, condition, metric, len(found), told, asked, float(found.mean()), spread, low, high
+    )
+
+
+def _cell(row: MetricSummary | None) -> str:
+    if row is None:
+        return "–"
+    digits = decimals(max(abs(value) for value in (row.mean, row.low, row.high) if value == value))
+    told = [number(row.mean, digits)]
+    if row.low == row.low:
+        told.append(interval(row.low, row.high, digits))
+    if row.told < row.asked:
+        told.append(f"({row.told} of {row.asked})")
+    return " ".join(told)
+
+
+def _legend(rows: Sequence[MetricSummary]) -> str:
+    some = " *(k of n)*: only k of the n values are there, such as errors of runs that converged." if any(
+        row.told < row.asked for row in rows
+    ) else ""  # fmt: skip
+    return (
+        "Means over converged runs with their 95 % intervals over seeds; of a run, what it tells of all its "
+        f"conditions, or the mean over them.{some} Times are those of this machine beside whatever else it did.\n"
+    )

@@ -1,0 +1,22 @@
+"""Where runs are written unless the user says otherwise."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import sextant
+
+
+@cache
+def conf_dir() -> Path:
+    """The folder of YAML files: ``conf/`` of the checkout, or its copy inside an installed package."""
+    package = Path(sextant.__file__).parent
+    checkout = package.parents[1] / "conf"
+    return checkout if (checkout / "train.yaml").is_file() else package / "conf"
+
+
+def default_outputs() -> Path:
+    """Where runs are written: ``SEXTANT_OUTPUTS``, else ``outputs`` in the checkout, else in the working directory."""
+    if chosen := os.environ.get("SEXTANT_OUTPUTS"):
+        return Path(chosen).expanduser().absolute()
+    return (conf_dir().parent if conf_dir().parent.name != "sextant" else Path.cwd()) / "outputs"

@@ -1,0 +1,113 @@
+"""Which examples filters are configured from, and where in them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Float, Int64, UInt8
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.layers.cosfire import Cosfire
+
+#: further places that are tried where an example has no structure
+TRIES = 20
+
+
+@dataclass(frozen=True)
+class PrototypeSettings:
+    """How prototypes are chosen.
+
+    Attributes:
+        per_class: filters of each class; with fewer examples than that, each is used several times.
+        at: ``random`` points, or the ``centre``.
+        margin: random points keep this share of the image's sides from its border.
+        least_parts: of a filter; points that give fewer are passed over.
+    """
+
+    per_class: int = 10
+    at: Literal["random", "centre"] = "random"
+    margin: float = 0.15
+    least_parts: int = 2
+
+
+@dataclass(frozen=True)
+class Prototypes:
+    """What filters were configured from.
+
+    Attributes:
+        labels: class of each filter.
+        images: which example.
+        points: x and y in it.
+        own: each filter's strongest response to its own prototype.
+    """
+
+    labels: Int64[Tensor, "f"]
+    images: Int64[Tensor, "f"]
+    points: Float[Tensor, "f 2"]
+    own: Float[Tensor, "f"]
+
+
+def configure(
+    filters: Cosfire,
+    images: UInt8[Tensor, "n c h w"],
+    labels: Int64[Tensor, "n"],
+    settings: PrototypeSettings,
+    generator: torch.Generator,
+) -> Prototypes:
+    """Configure ``settings.per_class`` filters for each class.
+
+    Raises:
+        UserError: in no example of a class, at none of the points that were tried, is there enough structure.
+    """
+    chosen: list[tuple[int, int, float, float]] = []
+    for label in torch.unique(labels).tolist():
+        members = (labels == label).nonzero()[:, 0]
+        order = members[torch.randperm(len(members), generator=generator)]
+        chosen += [
+            (label, *_configured(filters, images, order, turn, settings, generator))
+            for turn in range(settings.per_class)
+        ]
+    number, image, x, y = (torch.tensor(column) for column in zip(*chosen, strict=True))
+    own = own_responses(filters, images[image])
+    return Prototypes(number, image, torch.stack([x, y], 1), own)
+
+
+def own_responses(filters: Cosfire, images: UInt8[Tensor, "f c h w"]) -> Float[Tensor, "f"]:
+    """The strongest response of filter i to image i."""
+    found = []
+    with torch.no_grad():
+        for start in range(0, len(images), 64):
+            responses = filters.maxima(images[start : start + 64].float() / 255)
+            found.append(responses[:, start : start + 64].diagonal())
+    return torch.cat(found)
+
+
+def _configured(
+    filters: Cosfire,
+    images: Tensor,
+    order: Tensor,
+    turn: int,
+    settings: PrototypeSettings,
+    generator: torch.Generator,
+) -> tuple[int, float, float]:
+    """Add a filter; returns its example and point."""
+    height, width = images.shape[-2:]
+    for attempt in range(TRIES):
+        # a place in the same example first, and another example from half of the tries on
+        row = int(order[(turn + (attempt if settings.at == "centre" or attempt >= TRIES // 2 else 0)) % len(order)])
+        point = ((width - 1) / 2, (height - 1) / 2)
+        if settings.at == "random":
+            share = settings.margin + (1 - 2 * settings.margin) * torch.rand(2, generator=generator)
+            point = (float(share[0]) * (width - 1), float(share[1]) * (height - 1))
+        try:
+            filters.configure(images[row].float() / 255, point)
+        except UserError:
+            continue
+        if len(filters.tuples(len(filters) - 1)) >= settings.least_parts:
+            return row, *point
+        filters.drop_last()
+    raise UserError(
+        f"no filter of at least task.least_parts={settings.least_parts} parts could be configured in {TRIES} tries",
+        "Lower task.least_parts, strategy.t2 or filters.t1, or choose smaller strategy.radii.",
+    )

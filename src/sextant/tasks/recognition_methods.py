@@ -1,0 +1,61 @@
+"""Ways to tell the class of an image, all from the same examples: by filters, and what they are compared with."""
+
+from typing import Literal
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from sextant.baselines.linear_svm import LinearSVM
+
+Method = Literal["cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
+#: what each is, for tables
+METHODS: dict[Method, str] = {
+    "cosfire_svm": "maxima of COSFIRE filters, linear SVM",
+    "strongest_filter": "class of the filter that answers most, against its own prototype",
+    "full_svm": "whole feature map, linear SVM (the paper's baseline)",
+    "pooled_svm": "feature map averaged over places, linear SVM",
+    "nearest": "nearest example by the cosine of whole feature maps",
+    "network": "the network itself",
+}
+#: those that need a network
+OF_NETWORK: tuple[Method, ...] = ("full_svm", "pooled_svm", "nearest", "network")
+#: of examples that the nearest is looked for among
+NEAREST_AMONG = 10_000
+
+
+def svm_of(
+    examples: tuple[Float[Tensor, "n d"], Int64[Tensor, "n"]],
+    tuning: tuple[Float[Tensor, "m d"], Int64[Tensor, "m"]],
+    count: int,
+    prices: tuple[float, ...],
+    choose_among: int,
+    seed: int,
+) -> LinearSVM:
+    """A machine for the examples, its price chosen by the tuning images with at most ``choose_among`` examples."""
+    features, labels = (
+        values.double().numpy() if values.is_floating_point() else values.numpy() for values in examples
+    )
+    held = tuple(values.double().numpy() if values.is_floating_point() else values.numpy() for values in tuning)
+    rows = np.random.default_rng(seed).permutation(len(labels))[:choose_among]
+    few = LinearSVM.choose((features[rows], labels[rows]), held, count, prices, seed)  # type: ignore[arg-type]
+    return few if len(rows) == len(labels) else LinearSVM.fit(features, labels, count, few.c, seed)
+
+
+def strongest_filter(
+    maxima: Float[Tensor, "n f"], own: Float[Tensor, "f"], labels: Int64[Tensor, "f"], count: int
+) -> Float[Tensor, "n k"]:
+    """For each class the largest response of one of its filters, as a share of the response to its own prototype."""
+    shares = maxima / own.clamp(min=torch.finfo(own.dtype).tiny)
+    scores = shares.new_full((len(maxima), count), -torch.inf)
+    return scores.index_reduce_(1, labels, shares, "amax")
+
+
+def nearest_example(
+    images: Float[Tensor, "n d"], examples: Float[Tensor, "m d"], labels: Int64[Tensor, "m"]
+) -> Int64[Tensor, "n"]:
+    """The label of the example with the largest cosine."""
+    known = F.normalize(examples, dim=1)
+    return torch.cat([labels[(F.normalize(batch, dim=1) @ known.T).argmax(1)] for batch in images.split(1024)])

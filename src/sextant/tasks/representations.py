@@ -1,0 +1,50 @@
+"""Feature vectors of images: filter maxima, and what a network's feature map gives without filters."""
+
+from collections.abc import Callable
+from typing import Literal
+
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor, nn
+
+from sextant.layers.cosfire import Cosfire
+
+#: of the maps of all parts of all filters, that are held at a time
+FLOATS_AT_ONCE = 2**25
+Progress = Callable[[int, int], None]
+
+
+def filter_maxima(
+    filters: Cosfire, images: UInt8[Tensor, "n c h w"], show: Progress = lambda done, total: None
+) -> Float[Tensor, "n f"]:
+    """The strongest response of each filter in each image."""
+    with torch.no_grad():
+        map_size = filters.bank.describe(images[:1].float() / 255).shape[-2:].numel()
+    batch = min(64, max(1, FLOATS_AT_ONCE // (len(filters.rho) * map_size)))
+    return _in_batches(filters.maxima, images, batch, show)
+
+
+def feature_maps(
+    features: nn.Module, images: UInt8[Tensor, "n c h w"], kind: Literal["full", "pooled"]
+) -> Float[Tensor, "n d"]:
+    """The rectified feature map of each image as it is, or the mean over its places."""
+
+    def described(batch: Tensor) -> Tensor:
+        maps: Tensor = features(batch).clamp(min=0)
+        return maps.flatten(1) if kind == "full" else maps.mean((2, 3))
+
+    return _in_batches(described, images, 64)
+
+
+def _in_batches(
+    describe: Callable[[Tensor], Tensor],
+    images: UInt8[Tensor, "n c h w"],
+    batch: int,
+    show: Progress = lambda done, total: None,
+) -> Tensor:
+    found = []
+    with torch.no_grad():
+        for start in range(0, len(images), batch):
+            found.append(describe(images[start : start + batch].float() / 255))
+            show(min(start + batch, len(images)), len(images))
+    return torch.cat(found)
