@@ -39,9 +39,13 @@ class LinearSVM:
         mean, deviation = features.mean(0), features.std(0)
         # what hardly ever differs would be blown up by its own deviation
         deviation = np.where(deviation > 1e-6 * max(float(deviation.max()), 1e-30), deviation, np.inf)
-        machine = LinearSVC(C=c, dual=len(features) < features.shape[1], random_state=seed, max_iter=5000)
-        machine.fit((features - mean) / deviation, labels)
-        found, offsets = machine.coef_ / deviation, machine.intercept_ - (machine.coef_ / deviation) @ mean
+        scaled = (features - mean) / deviation
+        # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
+        basis = np.linalg.qr(scaled.T)[0] if len(features) < features.shape[1] else None
+        machine = LinearSVC(C=c, dual="auto", random_state=seed, max_iter=5000)
+        machine.fit(scaled if basis is None else scaled @ basis, labels)
+        found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
+        offsets = machine.intercept_ - found @ mean
         if len(present) == 2:  # one machine tells two classes apart
             found, offsets = np.concatenate([-found, found]), np.concatenate([-offsets, offsets])
         weights = np.zeros((count, features.shape[1]))

@@ -42,6 +42,10 @@ class ImageBatches(Dataset[Batch]):
     def __len__(self) -> int:
         return len(self.labels)
 
+    def none(self) -> "ImageBatches":
+        """No image of the same shape."""
+        return ImageBatches(self.images[:0], self.labels[:0])
+
     def __getitem__(self, indices: list[int] | Tensor) -> Batch:
         chosen = torch.as_tensor(indices)
         return Batch(self.images[chosen], self.labels[chosen], chosen)

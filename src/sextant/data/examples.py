@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Int64
+from jaxtyping import Bool, Int64
 from numpy import ndarray
 
 from sextant.data.batches import ImageBatches
@@ -23,11 +23,13 @@ class ExampleSettings:
         novel_classes: so many classes, the last ones, are kept from the network and told by examples alone; the test is
             among them. 0: the network and the examples have the same classes.
         examples: of each class that filters and machines are made of; None: all.
+        held_out: whether there are images to validate on; without, all are examples and ``tuning`` is empty.
     """
 
     images: int | None = None
     novel_classes: int = 0
     examples: int | None = None
+    held_out: bool = True
 
 
 class ExampleData(ImageData):
@@ -56,6 +58,13 @@ class ExampleData(ImageData):
         """Labels of the classes that the network is trained on."""
         return list(range(len(self.source.spec().classes) - self.settings.novel_classes))
 
+    def test_conditions(self) -> dict[str, Bool[ndarray, "n"]]:
+        """Which test images are of a condition, where the source has several."""
+        if not hasattr(self.source, "conditions"):
+            return {}
+        names, numbers = self.source.conditions("test")
+        return {name: numbers == number for number, name in enumerate(names)}
+
     def setup(self, stage: str) -> None:
         """Read the splits that ``stage`` needs; the test needs the examples as well, for what compares with them."""
         if "examples" not in self._splits:
@@ -65,6 +74,10 @@ class ExampleData(ImageData):
 
     def _setup_examples(self, data: LabelledImages) -> None:
         settings = self.settings
+        if not settings.held_out:
+            every = in_memory(data)
+            self._splits |= {"train": every, "validation": every, "examples": every, "tuning": every.none()}
+            return
         try:
             train, validation = stratified_split(data.labels, self.validation_fraction, self.split_seed)
         except ValueError as error:

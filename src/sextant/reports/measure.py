@@ -103,6 +103,18 @@ SUCCESS = Measure(
         *("fit_map_s", "model_mb", "peak_memory_mb"),
     ),
 )
+RECOGNITION = Measure(
+    "Accuracy on the test split, per cent",
+    "accuracy",
+    "difference in accuracy (points)",
+    "mean",
+    "higher",
+    "the validation accuracy of its network after training is nearer to chance than to 1",
+)
+#: how the arrays of recognition by filters are named that tell the answers of a method
+ANSWERS = "answer/"
+#: and those that tell which test images are of a condition
+UNDER = "condition/"
 #: how the arrays of a localizer are named that tell which of its runs along the test drives knew where they were
 LOCALIZED = "success/"
 #: how the arrays of a run of place recognition are named that tell which queries the network finds
@@ -134,22 +146,28 @@ class RunValues:
     errors: CorruptionErrors | None = None
 
 
-def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> RunValues:
+def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None, reads: str | None = None) -> RunValues:
     """The measure that belongs to the arrays of a run, and its values by image under each condition.
 
     Under a published set of corruptions the conditions of the report are few: ``clean``, ``corrupted`` (the mean over
     severities, then over all shared corruptions) and, if more than those are shared, ``benchmark 15``. The value of an
     image is 100 times the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
 
+    Of recognition by filters the conditions are the methods, or with ``reads`` those of the test that this method was
+    put to.
+
     Of a localizer each *image* is one of its runs along the test drives, and the conditions are its trials.
 
     Args:
         arrays: of the run's ``predictions.npz``.
         shared: the conditions of a published set that all runs share, if they were tested under one.
+        reads: the method whose answers count.
 
     Raises:
-        KeyError: they are not the arrays of a run.
+        KeyError: they are not the arrays of a run, or do not have the answers of this method.
     """
+    if any(key.startswith(ANSWERS) for key in arrays):
+        return RunValues(RECOGNITION, _recognised(arrays, reads))
     if trials := [key for key in arrays if key.startswith(LOCALIZED)]:
         return RunValues(SUCCESS, {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in trials})
     found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
@@ -167,6 +185,16 @@ def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> 
         values[title] = 100.0 * np.mean([_over_severities(wrong, shared, name) for name in names], axis=0)
     errors = CorruptionErrors.of_conditions({key: float(images.mean()) for key, images in wrong.items()})
     return RunValues(CORRUPTION_ERROR, values, errors)
+
+
+def _recognised(arrays: Mapping[str, ndarray], reads: str | None) -> dict[str, Images]:
+    """By method, or of the method that is read by condition of the test."""
+    answers = {key.removeprefix(ANSWERS): arrays[key] for key in arrays if key.startswith(ANSWERS)}
+    right = {method: 100.0 * (found == arrays["labels"]) for method, found in answers.items()}
+    if reads is None:
+        return right
+    under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
+    return {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]}
 
 
 def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:

@@ -111,20 +111,22 @@ def load_results(directory: Path, outputs: Path) -> SweepResults:
     tested = [run for run in runs if run.results() is not None and run.arrays.exists()]
     names = [_from_arrays(run, lambda arrays: [key for key in arrays if key != "labels"]) for run in tested]
     shared = shared_set([(run.results() or {}).get("protocol") for run in tested], names)
-    cells = [_load(cell, run, shared) for cell, run in zip(plan.cells, runs, strict=True)]
+    arms = plan.definition.get("arms", {})
+    reads = {name: arm.get("reads") for name, arm in arms.items()}
+    cells = [_load(cell, run, shared, reads.get(cell.arm)) for cell, run in zip(plan.cells, runs, strict=True)]
     if not any(result.values for result in cells):
         raise UserError(f"sweep {plan.name}: none of its {len(cells)} runs is finished yet", "Run the sweep first.")
     return SweepResults(plan, directory, cells, shared)
 
 
-def _load(cell: Cell, run: RunDirectory, shared: SharedSet | None) -> CellResult:
+def _load(cell: Cell, run: RunDirectory, shared: SharedSet | None, reads: str | None) -> CellResult:
     results = run.results()
     if results is None:
         failure = cell.message or run.state().get("failure")
         return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
     if not run.arrays.exists():  # stopped by a nan, and kept as what it is
         return CellResult(cell, results["outcome"], {})
-    found = _from_arrays(run, lambda arrays: measured(arrays, shared))
+    found = _from_arrays(run, lambda arrays: measured(arrays, shared, reads))
     seconds = results["timing"]["fit_s"]  # JSON has no nan
     return CellResult(
         cell,

@@ -10,6 +10,8 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 import torch.nn.functional as F
+from jaxtyping import Bool, Float32, Int64, UInt8
+from numpy import ndarray
 from torch import Tensor, nn
 
 from sextant.data.batches import Batch, ImageBatches
@@ -62,14 +64,21 @@ class RecognitionResult:
     Attributes:
         labels: true classes.
         answers: by method.
+        conditions: which images are of it, by its name; empty where all are of one.
     """
 
-    labels: np.ndarray
-    answers: dict[Method, np.ndarray] = field(default_factory=dict)
+    labels: Int64[ndarray, "n"]
+    answers: dict[Method, Int64[ndarray, "n"]] = field(default_factory=dict)
+    conditions: dict[str, Bool[ndarray, "n"]] = field(default_factory=dict)
 
     def accuracy(self) -> dict[Method, float]:
         """Share of right answers by method."""
         return {method: float((found == self.labels).mean()) for method, found in self.answers.items()}
+
+    def accuracy_under(self, condition: str) -> dict[Method, float]:
+        """The same for the images of one condition."""
+        rows = self.conditions[condition]
+        return {method: float((found == self.labels)[rows].mean()) for method, found in self.answers.items()}
 
 
 class CosfireRecognition(pl.LightningModule):
@@ -83,6 +92,7 @@ class CosfireRecognition(pl.LightningModule):
         layer: of the network whose map filters look at.
         features: a feature map that was trained before and stays as it is, in place of ``network``.
         image_shape: channels, height and width.
+        describe: place descriptors of images, for the method ``descriptor``.
         seed: of the choice of prototypes.
         show: progress of what takes long, by its name.
         optimizer, schedule, log_every: as for every task.
@@ -101,6 +111,7 @@ class CosfireRecognition(pl.LightningModule):
         network: nn.Module | None = None,
         layer: str | None = None,
         features: FeatureMap | None = None,
+        describe: Callable[[UInt8[ndarray, "n h w c"]], Float32[ndarray, "n d"]] | None = None,
         seed: int = 0,
         show: Callable[[str], AbstractContextManager[Progress]] = lambda what: nullcontext(lambda done, total: None),
         optimizer: OptimizerFactory | None = None,
@@ -117,7 +128,7 @@ class CosfireRecognition(pl.LightningModule):
             features.requires_grad_(False)
         self.filters = filters(features)
         self.prototype_settings, self.comparison = prototypes, comparison
-        self.seed, self.show = seed, show
+        self.describe, self.seed, self.show = describe, seed, show
         self.optimizer_factory, self.schedule = optimizer, schedule
         self.step_losses = StepLosses(log_every)
         self.prototypes = LearntLater("labels", "images", "points", "own", "pictures")
@@ -132,6 +143,7 @@ class CosfireRecognition(pl.LightningModule):
         """Those of the comparison that there are the parts for."""
         missing = set() if self.features is not None else set(OF_NETWORK)
         missing |= {"network"} if self.network is None else set()
+        missing |= {"descriptor"} if self.describe is None else set()
         return [method for method in self.comparison.methods if method not in missing]
 
     # -- the network ---------------------------------------------------------------------------------------------------
@@ -182,7 +194,8 @@ class CosfireRecognition(pl.LightningModule):
             pictures=examples.images[found.images],
         )
         for name, machine in self.machines.items():
-            known, held = (self._representation(name, split) for split in (examples, tuning))
+            known = self._representation(name, examples)
+            held = self._representation(name, tuning) if len(tuning) else known[:0]
             fitted = svm_of(
                 (known, examples.labels),
                 (held, tuning.labels),
@@ -209,6 +222,9 @@ class CosfireRecognition(pl.LightningModule):
                 least = maxima[maxima > 0].min() if (maxima > 0).any() else torch.tensor(1.0)
                 return maxima.clamp(min=float(least)).log()
             return maxima
+        if method == "descriptor":
+            assert self.describe is not None
+            return torch.from_numpy(self.describe(split.images.permute(0, 2, 3, 1).contiguous().numpy()))
         assert self.features is not None
         return feature_maps(self.features, split.images, "pooled" if method == "pooled_svm" else "full")
 
@@ -253,7 +269,7 @@ class CosfireRecognition(pl.LightningModule):
         if self._validation:
             self.log("val/accuracy", torch.cat(self._validation).mean())
             self._validation = []
-        elif len(self.filters):
+        elif len(self.filters) and len(self._data.split("tuning")):
             answers = self.answers(self._data.split("tuning"), self._data)
             right = answers[self.methods[0]] == self._data.split("tuning").labels.numpy()
             self.log("val/accuracy", float(right.mean()))
@@ -266,8 +282,12 @@ class CosfireRecognition(pl.LightningModule):
         split = self._data.split("test")
         rows = torch.arange(0, len(split), self._data.test_every)
         shown = ImageBatches(split.images[rows], split.labels[rows])
-        self.result = RecognitionResult(shown.labels.numpy(), self.answers(shown, self._data))
+        conditions = {name: found[rows.numpy()] for name, found in self._data.test_conditions().items()}
+        self.result = RecognitionResult(shown.labels.numpy(), self.answers(shown, self._data), conditions)
         self.log_dict({f"test/accuracy/{method}": value for method, value in self.result.accuracy().items()})
+        for name in conditions:
+            accuracy = self.result.accuracy_under(name)
+            self.log_dict({f"test/accuracy/{method}/{name}": value for method, value in accuracy.items()})
 
     def configure_optimizers(self) -> Any:
         """The optimiser of the network, with the schedule stepped once an epoch; none without one."""
@@ -284,7 +304,9 @@ class CosfireRecognition(pl.LightningModule):
     def arrays(self) -> dict[str, np.ndarray]:
         """True classes, and answers by method."""
         assert self.result is not None
-        return {"labels": self.result.labels, **{f"answer/{m}": found for m, found in self.result.answers.items()}}
+        answers = {f"answer/{method}": found for method, found in self.result.answers.items()}
+        conditions = {f"condition/{name}": found for name, found in self.result.conditions.items()}
+        return {"labels": self.result.labels, **answers, **conditions}
 
     def facts(self) -> dict[str, Any]:
         """How many filters and parts there are, and at which price each machine was fitted."""

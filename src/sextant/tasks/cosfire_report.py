@@ -27,6 +27,7 @@ def method_table(result: "RecognitionResult") -> list[dict[str, str]]:
             "what": METHODS[method],
             "accuracy, %": f"{100 * share:.2f}",
             "errors": f"{round((1 - share) * count):,} of {count:,}",
+            **{name: f"{100 * result.accuracy_under(name)[method]:.1f}" for name in result.conditions},
         }
         for method, share in found
     ]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from sextant.baselines.linear_svm import LinearSVM
 
-Method = Literal["cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
+Method = Literal["cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor"]
 #: what each is, for tables
 METHODS: dict[Method, str] = {
     "cosfire_svm": "maxima of COSFIRE filters, linear SVM",
@@ -19,6 +19,7 @@ METHODS: dict[Method, str] = {
     "pooled_svm": "feature map averaged over places, linear SVM",
     "nearest": "nearest example by the cosine of whole feature maps",
     "network": "the network itself",
+    "descriptor": "nearest example by the cosine of place descriptors",
 }
 #: those that need a network
 OF_NETWORK: tuple[Method, ...] = ("full_svm", "pooled_svm", "nearest", "network")

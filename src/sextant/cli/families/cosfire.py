@@ -1,17 +1,19 @@
 """Recognition by COSFIRE filters: how its parts are put together."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.cli.assemble import build, build_dataset, build_training, part_name
+from sextant.cli.descriptors import descriptor_identity
 from sextant.cli.families.classification import image_spec
 from sextant.cli.families.family import Family, Source, TestRecord
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.schema import CosfireTask
 from sextant.config.schema.cosfire import FeatureBank, VectorBank, VectorKeypoints
+from sextant.config.schema.tasks import SceneChoice
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
@@ -33,14 +35,22 @@ class CosfireFamily(Family):
     def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
         _check_parts(config)
-        source = build_dataset(raw, config)
-        if not hasattr(source, "spec"):
+        source, scenes = build_dataset(raw, config), _task(config).scenes
+        if config.descriptor is not None:
+            descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a missing run is told at once
+        if hasattr(source, "spec"):
+            if scenes is not None:
+                raise UserError(
+                    f"task.scenes: dataset={source.name} has classes, not places", "Leave task.scenes out (null)."
+                )
+            return source  # type: ignore[no-any-return]
+        if scenes is None:
             raise UserError(
                 f"dataset={getattr(source, 'name', raw['dataset'].get('_target_'))} holds no labelled images, which "
-                "task=cosfire needs",
-                "Choose digits, mnist, fashion_mnist, cifar10 or image_folder.",
+                "task=cosfire needs; of places it needs task.scenes",
+                "Choose digits, mnist, fashion_mnist, cifar10 or image_folder, or experiment=cosfire_places.",
             )
-        return source  # type: ignore[no-any-return]
+        return _scenes(source, scenes)
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files of the training or the test split are missing."""
@@ -50,7 +60,7 @@ class CosfireFamily(Family):
     def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
         """Features, bank, strategy and methods."""
         task, features = _task(config), raw["features"]
-        learnt = "none" if raw["backbone"] is None else part_name(raw["backbone"])
+        learnt = "none" if raw.get("backbone") is None else part_name(raw["backbone"])
         return {
             "features": learnt if features["run"] is None else f"run {features['run']}",
             "bank": part_name(raw["bank"]),
@@ -81,7 +91,7 @@ class CosfireFamily(Family):
             augmentation=None if raw.get("augmentation") is None else build(raw, "augmentation"),
             workers=config.trainer.workers,
             test_every=task.test_every,
-            settings=ExampleSettings(task.images, task.novel_classes, task.examples),
+            settings=ExampleSettings(task.images, task.novel_classes, task.examples, held_out=task.scenes is None),
         )
 
     def spec(self, raw: Mapping[str, Any], config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
@@ -106,11 +116,11 @@ class CosfireFamily(Family):
         network, features = None, None
         if "features" in spec:
             features = _features_of(raw, spec["features"], shape, training=training)
-        elif raw["backbone"] is not None:
+        elif raw.get("backbone") is not None:
             network = build(
                 raw, "backbone", in_channels=shape[0], image_size=shape[1:], num_classes=len(images.classes)
             )
-            if raw["inhibition"] is not None:
+            if raw.get("inhibition") is not None:
                 network = build(raw, "inhibition")(network)
         return CosfireRecognition(
             partial(make_filters, raw),
@@ -121,6 +131,7 @@ class CosfireFamily(Family):
             network=network,
             layer=raw["features"]["layer"],
             features=features,
+            describe=_describing(raw),
             seed=raw["seed"],
             show=partial(work_progress, unit="images"),
             **(build_training(raw, training) if network is not None else {}),
@@ -209,6 +220,36 @@ def _features_of(
     return FeatureMap(module.network.eval(), shape[0], shape[1:], layer=layer)
 
 
+def _scenes(dataset: Any, chosen: SceneChoice) -> ImageSource:
+    """Places of a dataset as classes; rendered with progress if need be."""
+    from sextant.data.places import PlaceTolerance, Scenes, as_place_source, rendered_place_source
+
+    source = as_place_source(dataset)
+    world = rendered_place_source(source)
+    if world is not None:
+        world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+    return Scenes(
+        source,
+        references=chosen.references,
+        queries=chosen.queries,
+        spacing=chosen.spacing,
+        neighbours=chosen.neighbours,
+        tolerance=PlaceTolerance(source.place_unit, **getattr(chosen.tolerance, source.place_unit).model_dump()),
+    )
+
+
+def _describing(raw: Mapping[str, Any]) -> Callable[[Any], Any] | None:
+    """What gives images the place descriptors that the config names; None if it names none."""
+    if raw.get("descriptor") is None:
+        return None
+    from sextant.cli.descriptors import DescriptorFiles, describer
+
+    found = describer(raw, Path(raw["paths"]["outputs"]))
+    if isinstance(found, DescriptorFiles):
+        raise UserError("descriptor=files knows drives, not images of scenes", "Choose descriptor=run:<id>.")
+    return found.describe
+
+
 def _check_parts(config: Config) -> None:
     """Raise a ``UserError`` where bank, strategy and network do not go together."""
     if isinstance(config.bank, VectorBank) != isinstance(config.strategy, VectorKeypoints):
@@ -216,6 +257,15 @@ def _check_parts(config: Config) -> None:
             "bank=vectors and strategy=vector_keypoints belong together",
             "Choose both, or another bank with strategy=circles or channel_peaks.",
         )
+    if _task(config).scenes is not None:
+        if config.features is None or config.features.run is None:
+            raise UserError(
+                "task.scenes: places have too few images each to train a network on", "Name one: features=run:<id>."
+            )
+        if len(_task(config).prices) > 1:
+            raise UserError(
+                f"task.prices={_task(config).prices}: scenes leave no image to choose a price by", "task.prices=[1.0]"
+            )
     if isinstance(config.bank, (VectorBank, FeatureBank)):
         assert config.features is not None
         if config.backbone is None and config.features.run is None:

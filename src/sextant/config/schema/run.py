@@ -39,9 +39,10 @@ OWNED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     **dict.fromkeys(("pooling", "mining"), (PLACES := ("place_recognition",), PLACES)),
     "faults": (LOCALIZATION := ("localization",), ()),
     **dict.fromkeys(
-        ("descriptor", "kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault"),
+        ("kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault"),
         (LOCALIZATION, LOCALIZATION),
     ),
+    "descriptor": (("localization", "cosfire"), LOCALIZATION),
     **dict.fromkeys(("features", "bank", "strategy", "filters"), (COSFIRE := ("cosfire",), COSFIRE)),
 }
 #: losses of the tasks that have a choice of them

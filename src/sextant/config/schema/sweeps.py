@@ -24,9 +24,15 @@ Seeds = Annotated[list[Seed], Field(min_length=1), AfterValidator(distinct), Bef
 
 
 class Arm(Node):
-    """One of the things that a sweep compares."""
+    """One of the things that a sweep compares.
+
+    Attributes:
+        reads: which method's answers are compared, where a run gives those of several; arms of the same overrides
+            share their runs.
+    """
 
     overrides: list[str]
+    reads: str | None = None
     seed_offset: int = Field(default=0, ge=0)
 
 

@@ -8,7 +8,9 @@ from sextant.config.schema.parts import Count, Node, Positive, Seed, Share, dist
 from sextant.config.schema.places import OffTheShelf, PlaceAugmentation, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
 
-RecognitionMethod = Literal["cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
+RecognitionMethod = Literal[
+    "cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor"
+]
 
 
 def once(values: list[str]) -> list[str]:
@@ -107,6 +109,16 @@ class LocalizationTask(Node):
     test_checkpoint: Literal["last"]
 
 
+class SceneChoice(Node):
+    """Places as classes."""
+
+    references: list[str] = Field(min_length=1, examples=["[summer_noon]"])
+    queries: list[str] = Field(min_length=1, examples=["[autumn_rain,night_clear]"])
+    spacing: Count = Field(examples=[5])
+    neighbours: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[0])
+    tolerance: ToleranceByUnit
+
+
 class CosfireTask(Node):
     """Recognition by filters that are configured from examples."""
 
@@ -125,6 +137,7 @@ class CosfireTask(Node):
     )
     prices: Annotated[list[Positive], Field(min_length=1), AfterValidator(distinct)] = Field(examples=["[0.01,0.1,1]"])
     logarithms: bool
+    scenes: SceneChoice | None
     test_every: Count = Field(examples=[1])
     test_checkpoint: Literal["last"]
 
