@@ -28,7 +28,10 @@ def main(arguments: Sequence[str]) -> None:
     quiet_libraries()
     register_resolvers()
     sys.argv = [sys.argv[0], *arguments]
-    if not any(argument.split("=")[0] in ONLY_PRINT for argument in arguments):
+    printing = [argument for argument in arguments if argument.split("=")[0] in ONLY_PRINT]
+    if printing and any(argument in MULTIRUN for argument in arguments):
+        raise UserError(f"{printing[0]} prints something about one run, -m starts many", "Leave one of them out.")
+    if not printing:
         overrides = [argument for argument in arguments if not argument.startswith("-")]
         if any(argument in MULTIRUN for argument in arguments):
             from sextant.cli.sweep_plan import check_sweep_overrides
