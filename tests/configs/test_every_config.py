@@ -35,7 +35,7 @@ LOCALIZATION = ("descriptor", "observation", "kernel", "likelihood", "motion", "
 NEEDED |= {group: ["task=localization"] for group in LOCALIZATION}
 NEEDED |= {group: ["task=cosfire"] for group in ("features", "bank", "strategy", "filters")}
 NEEDED |= {
-    **dict.fromkeys(("experiment=cosfire_places", "sweep=cosfire_places"), ["features.run=gone"]),
+    **{key: ["features.run=gone"] for key in ("experiment=cosfire_places", "sweep=cosfire_places")},
     "bank=gabor": ["task=cosfire", "strategy=circles"],
     "bank=dog": ["task=cosfire", "strategy=circles"],
     "bank=channels": ["task=cosfire", "strategy=channel_peaks"],

@@ -39,7 +39,7 @@ class LocalizationFamily(Family):
 
         task = _task(config)
         descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a run that is missing is told at once
-        settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share)
+        settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)
         source = as_localization_source(build_dataset(raw, config), settings)
         if hasattr(source, "showing"):
             source.showing = partial(work_progress, f"rendering {source.name}, once", "images")

@@ -94,6 +94,7 @@ class LocalizationTask(Node):
     neighbours: Count = Field(examples=[20])
     validation_images: Count = Field(examples=[200])
     validation_share: Share | None = Field(examples=[0.25])
+    near_map: Positive | None = Field(examples=[0.6])
     odometry_scale: Annotated[float, Field(ge=0, le=100)] = Field(examples=[1.0])
     odometry_seed: Seed = Field(examples=[0])
     starts: Annotated[int, Field(ge=1, le=10_000)] = Field(examples=[32])
@@ -119,6 +120,13 @@ class SceneChoice(Node):
     tolerance: ToleranceByUnit
 
 
+class FineTune(Node):
+    """Training configured filters on."""
+
+    epochs: Annotated[int, Field(ge=0, le=100_000)] = Field(examples=[0])
+    lr: Positive = Field(examples=[0.001])
+
+
 class CosfireTask(Node):
     """Recognition by filters that are configured from examples."""
 
@@ -137,9 +145,14 @@ class CosfireTask(Node):
     )
     prices: Annotated[list[Positive], Field(min_length=1), AfterValidator(distinct)] = Field(examples=["[0.01,0.1,1]"])
     logarithms: bool
+    fine_tune: FineTune
     scenes: SceneChoice | None
     test_every: Count = Field(examples=[1])
     test_checkpoint: Literal["last"]
+
+    def answering(self) -> list[str]:
+        """The methods whose answers a run has, where it has the parts for them."""
+        return [*self.methods, "cosfire_tuned"] if self.fine_tune.epochs else list(self.methods)
 
 
 Task = Annotated[

@@ -8,6 +8,7 @@ from numpy import ndarray
 from sextant.data.localization.drive import Drive
 from sextant.data.localization.localization_data import LocalizationData, first_share
 from sextant.data.localization.motions import motions_along
+from sextant.data.localization.near_map import longest_along_map
 from sextant.data.localization.simulated_odometry import simulated_motion
 from sextant.data.localization.source import DriveSettings
 from sextant.data.places import ImageRows
@@ -52,14 +53,17 @@ class OfficeDrives(RenderedSource):
         conditions = list(driven.facts["conditions"])
         measured: list[bool] = driven.facts["measured_odometry"]
         drives: list[list[Drive]] = [[] for _ in measured]
+        whole = np.arange(len(mapped.rows))
+        first = self._drive(mapped, whole, laser, "map", conditions[0], measured=measured[0])
         for run in np.unique(driven.columns["run"]):
             rows = np.flatnonzero(driven.columns["run"] == run)
             number = 1 + (int(run) - 1) // len(conditions)  # every drive but the map's is made under each condition
             condition = conditions[int(driven.columns["condition"][rows[0]])]
             name = f"run{number}/{condition}"
-            drives[number].append(self._drive(driven, rows, laser, name, condition, measured=measured[number]))
-        whole = np.arange(len(mapped.rows))
-        first = self._drive(mapped, whole, laser, "map", conditions[0], measured=measured[0])
+            drive = self._drive(driven, rows, laser, name, condition, measured=measured[number])
+            if self.settings.near_map is not None:
+                drive = longest_along_map(drive, first, self.settings.near_map)
+            drives[number].append(drive)
         runs = drives[1:]
         if len(runs) > 1:
             validation, test = tuple(runs[0]), tuple(drive for run in runs[1:] for drive in run)

@@ -23,6 +23,8 @@ class DriveSettings:
         odometry_seed: of simulated odometry.
         validation_share: part of each drive, from its start, that is for validation, where a dataset has no drives for
             it; None for the dataset's own.
+        near_map: drives of an office are cut to the longest stretch with images of the map so near, in metres; None
+            leaves them whole.
 
     Raises:
         UserError: a value is out of range.
@@ -31,6 +33,7 @@ class DriveSettings:
     odometry_scale: float = 1.0
     odometry_seed: int = 0
     validation_share: float | None = None
+    near_map: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.odometry_scale <= 100:
