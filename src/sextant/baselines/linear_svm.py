@@ -37,8 +37,8 @@ class LinearSVM:
         if len(present) < 2:
             raise ValueError("a machine needs images of two classes at least")
         mean, deviation = features.mean(0), features.std(0)
-        # what hardly ever differs would be blown up by its own deviation
-        deviation = np.where(deviation > 1e-6 * max(float(deviation.max()), 1e-30), deviation, np.inf)
+        # what differs by rounding alone would be blown up by its own deviation
+        deviation = np.where(deviation > 1e-6 * np.abs(features).max(0), deviation, np.inf)
         scaled = (features - mean) / deviation
         # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
         basis = np.linalg.qr(scaled.T)[0] if len(features) < features.shape[1] else None

@@ -35,7 +35,7 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
     with nullcontext() if inside_hydra else initialize_config_dir(str(conf_dir()), version_base="1.3"):
         try:
             return hydra_compose(name, overrides=list(overrides))
-        except (HydraException, OmegaConfBaseException) as error:
+        except (HydraException, OmegaConfBaseException, ValueError) as error:  # the last for a group that is null
             raise _explain(error, overrides, name) from None
 
 
@@ -80,6 +80,8 @@ def _explain(error: Exception, overrides: Sequence[str], name: str) -> UserError
                 f"{text} lists several values", f"A sweep needs -m: python train.py -m {' '.join(overrides)}"
             )
         key, value = override.key_or_group, override.get_value_element_as_str() if override.value() is not None else ""
+        if key in groups() and override.value() is None and not override.is_delete():
+            return UserError(f"{text}: a group cannot be null", f"Leave it out: '~{key}'")
         if key.split("/")[0] == "hydra" or key.startswith("hydra."):
             continue
         if key in groups():
@@ -101,7 +103,7 @@ def _unknown_key(key: str, value: str, overrides: Sequence[str], name: str) -> U
     choices = [text for text in overrides if text.split("=")[0] in groups()]
     try:
         known = _flat_keys(OmegaConf.to_container(hydra_compose(name, overrides=choices), resolve=False))
-    except (HydraException, OmegaConfBaseException):
+    except (HydraException, OmegaConfBaseException, ValueError):
         return None
     if key in known:
         return None

@@ -69,7 +69,10 @@ def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> t
     """
     trust = "trust=true" in overrides
     raw = merge(trained["config"], [override for override in overrides if override != "trust=true"])
-    return raw, trained_config(raw, trained["task"], trust=trust)
+    config = trained_config(raw, trained["task"], trust=trust)
+    if (within := trained["spec"].get("features")) is not None:  # of another run's network, which is built as well
+        trained_config(within["config"], within["task"], trust=trust)
+    return raw, config
 
 
 def split_run(arguments: Sequence[str], usage: str) -> tuple[str, list[str]]:

@@ -6,9 +6,10 @@ What is heavy is imported where it is used, so that mistakes in a command are to
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +33,9 @@ from sextant.errors import UserError
 from sextant.runs.resolve import FoundRun, resolve_run
 from sextant.tracking.environment import quiet_libraries
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
 USAGE = (
     "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> "
     "output=<folder>"
@@ -46,7 +50,7 @@ DETECTION_USAGE = (
 )
 KEYS = {
     "run": "the trained model",
-    "task": "cosfire: detect what one example shows, without a trained model; any other task is that of the run",
+    "task": "cosfire: detect what one example shows, with the features of run= or without; other tasks come with run=",
     "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'; for localization "
     "also a video",
     "output": "folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given; for "
@@ -250,9 +254,13 @@ def _classify(
     content = read_trained(checkpoint)
     spec = image_spec(content[KEY]["spec"])
     if spec.height != spec.width:
-        raise UserError(f"{checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to fit")
+        raise UserError(
+            f"{checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to fit",
+            "Images of a dataset: python evaluate.py run=<...> dataset=<...>",
+        )
     raw, config = checkpoint_config(content[KEY], ["corruption=none", *(["trust=true"] if trust else [])])
     module = model_from_checkpoint(raw, config, checkpoint)
+    chances_or_scores = _answering(module, content[KEY]["task"])
     rows: list[dict[str, Any]] = []
     pictures: list[tuple[np.ndarray, str]] = []
     for batch in _batches(paths):
@@ -271,14 +279,24 @@ def _classify(
         stacked = np.stack(images)
         stacked = stacked[:, None] if stacked.ndim == 3 else stacked.transpose(0, 3, 1, 2)
         with torch.no_grad():
-            probabilities = module.predict_step(torch.from_numpy(stacked.copy()).float() / 255)
-        for entry, image, chances in zip(entries, images, probabilities, strict=True):
-            best = int(chances.argmax())
-            entry |= {"class": spec.classes[best], "probability": round(float(chances[best]), 6)}
-            entry["probabilities"] = {n: round(float(p), 6) for n, p in zip(spec.classes, chances, strict=True)}
+            name, found = chances_or_scores(torch.from_numpy(stacked.copy()))
+        for entry, image, numbers in zip(entries, images, found.tolist(), strict=True):
+            best = int(np.argmax(numbers))
+            entry |= {"class": spec.classes[best], name: round(numbers[best], 6)}
+            # a score of -inf: of this class there was no example
+            told = {n: round(p, 6) for n, p in zip(spec.classes, numbers, strict=True) if p > -math.inf}
+            entry["probabilities" if name == "probability" else "scores"] = told
             if len(pictures) < SHEET:
-                pictures.append((image, f"{spec.classes[best]} {float(chances[best]):.2f}"))
+                pictures.append((image, f"{spec.classes[best]} {numbers[best]:.2f}"))
     return rows, pictures
+
+
+def _answering(module: Any, task: str) -> Callable[["Tensor"], tuple[str, "Tensor"]]:
+    """What gives images (bytes) numbers for each class, with the name of such a number."""
+    if task == "cosfire":
+        console.print(f"method {module.methods[0]}")
+        return lambda images: ("score", module.predict_step(images))
+    return lambda images: ("probability", module.predict_step(images.float() / 255))
 
 
 def _batches(paths: list[Path]) -> Iterator[list[Path]]:
@@ -289,7 +307,8 @@ def _batches(paths: list[Path]) -> Iterator[list[Path]]:
 def _write(rows: list[dict[str, Any]], output: Path) -> None:
     write_atomically(output / "predictions.json", lambda file: file.write((json.dumps(rows, indent=2) + "\n").encode()))
     table = io.StringIO()
-    writer = csv.DictWriter(table, ["file", "class", "probability", "error"], extrasaction="ignore", restval="")
+    number = "score" if any("score" in row for row in rows) else "probability"
+    writer = csv.DictWriter(table, ["file", "class", number, "error"], extrasaction="ignore", restval="")
     writer.writeheader()
     writer.writerows(rows)
     write_atomically(output / "predictions.csv", lambda file: file.write(table.getvalue().encode()))

@@ -44,8 +44,14 @@ def _run_planned(plan: SweepPlan, planned: list[Planned], config: Config, output
     if (plan.directory(outputs) / "cells.json").exists():  # begun before: it keeps its parent run
         plan = replace(plan, mlflow_runs=read_plan(plan.directory(outputs)).mlflow_runs)
     directory = plan.write(outputs)
-    missing = [entry for entry in planned if not entry.finished]
-    console.print(f"[bold]{plan.name}[/]: {len(planned)} runs planned, {len(planned) - len(missing)} finished already")
+    started: dict[str, Planned] = {}  # arms that read other answers of the same run share it
+    for entry in planned:
+        if not entry.finished:
+            started.setdefault(entry.cell.run, entry)
+    missing = list(started.values())
+    runs = len({entry.cell.run for entry in planned})
+    told = f"{len(planned)} runs planned" if runs == len(planned) else f"{len(planned)} cells of {runs} runs planned"
+    console.print(f"[bold]{plan.name}[/]: {told}, {runs - len(missing)} finished already")
     if missing:
         plan = _run_missing(plan, missing, config, outputs, launch)
     _conclude(plan, outputs, directory)

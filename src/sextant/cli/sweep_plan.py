@@ -16,6 +16,7 @@ from sextant.cli.execute import run_key
 from sextant.cli.families import family_of
 from sextant.cli.train import check_environment
 from sextant.config import Config, validate
+from sextant.config.schema import CosfireTask
 from sextant.errors import UserError
 from sextant.runs.directory import claim
 from sextant.runs.sweep_directory import Cell, SweepPlan
@@ -67,6 +68,7 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
             overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
             raw = to_plain(compose(overrides))
             config = validate(raw)
+            _check_read(arm, design.definition, config)
             if first is None:
                 check_environment(raw, config)
                 first = config
@@ -115,6 +117,17 @@ def read_design(arguments: Sequence[str]) -> Design:
         arms = {value: ([f"{compared}={value}"], 0) for value in factors.pop(compared)}
         definition |= {"arms": {name: {"overrides": overrides} for name, (overrides, _) in arms.items()}}
     return Design(sweep.name, definition, fixed, factors, arms or {"run": ([], 0)}, seeds)
+
+
+def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None:
+    """Raise a ``UserError`` if an arm reads answers that its runs will not have."""
+    reads = definition.get("arms", {}).get(arm, {}).get("reads")
+    if reads is None:
+        return
+    known = config.task.answering() if isinstance(config.task, CosfireTask) else []
+    if reads not in known:
+        told = f"its runs have those of {', '.join(known)}" if known else f"task={config.task.name} has one method"
+        raise UserError(f"sweep.arms.{arm}.reads={reads}: {told}", "Name one of them, or add it to task.methods.")
 
 
 def _seeds(given: list[str] | None, default: list[int]) -> list[int]:

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Int64
 from numpy import ndarray
 
-from sextant.data.batches import ImageBatches
 from sextant.data.datamodule import ImageData, in_memory
 from sextant.data.source import LabelledImages
 from sextant.data.split import stratified_split
@@ -41,6 +39,9 @@ class ExampleData(ImageData):
     Args:
         settings: which images are looked at.
         other arguments: as for :class:`ImageData`.
+
+    Raises:
+        UserError: when it is set up, if there are fewer images than are asked for.
     """
 
     def __init__(self, *args: object, settings: ExampleSettings, **keywords: object):
@@ -66,8 +67,8 @@ class ExampleData(ImageData):
         return {name: numbers == number for number, name in enumerate(names)}
 
     def setup(self, stage: str) -> None:
-        """Read the splits that ``stage`` needs; the test needs the examples as well, for what compares with them."""
-        if "examples" not in self._splits:
+        """Read the splits that ``stage`` needs: the test split for ``test``, all others for every other stage."""
+        if stage != "test" and "examples" not in self._splits:
             self._setup_examples(self.source.read("train"))
         if stage == "test" and "test" not in self._splits:
             self._splits["test"] = in_memory(_of(self.source.read("test"), self.tested))
@@ -85,13 +86,17 @@ class ExampleData(ImageData):
                 f"dataset={self.source.name}: no validation split can be made: {error}", "Add images to that class."
             ) from None
         if settings.images is not None:
-            classes = len(self.source.spec().classes)
-            train = _some(data.labels, train, -(-settings.images // classes), self.seed)[: settings.images]
+            if settings.images > len(train):
+                raise UserError(
+                    f"task.images={settings.images:,}: dataset={self.source.name} has {len(train):,} training images, "
+                    f"and {len(validation):,} held out",
+                    f"Choose {len(train)} at most, or null for all.",
+                )
+            train = _in_turns(data.labels, train, self.seed)[: settings.images]
         kept, held_out = (LabelledImages(data.images[rows], data.labels[rows]) for rows in (train, validation))
         examples = _of(kept, self.tested)
         if settings.examples is not None:
-            rows = _some(examples.labels, np.arange(len(examples.labels)), settings.examples, self.seed)
-            examples = LabelledImages(examples.images[rows], examples.labels[rows])
+            examples = self._few(examples, settings.examples)
         splits = {
             "train": _of(kept, self.learnt),
             "validation": _of(held_out, self.learnt),
@@ -100,10 +105,20 @@ class ExampleData(ImageData):
         }
         self._splits |= {name: in_memory(images) for name, images in splits.items()}
 
-
-def images_of(split: ImageBatches, rows: slice | torch.Tensor) -> torch.Tensor:
-    """Images as float32 in [0, 1]."""
-    return split.images[rows].float() / 255
+    def _few(self, examples: LabelledImages, each: int) -> LabelledImages:
+        """``each`` of every class."""
+        counts = {label: int((examples.labels == label).sum()) for label in self.tested}
+        least = min(counts, key=lambda label: counts[label])
+        if counts[least] < each:
+            raise UserError(
+                f"task.examples={each}: there are {counts[least]} training images of class "
+                f"{self.source.spec().classes[least]} to choose from",
+                f"Choose {counts[least]} at most, null for all, or more task.images."
+                if counts[least]
+                else "Choose more task.images.",
+            )
+        rows = _in_turns(examples.labels, np.arange(len(examples.labels)), self.seed)[: each * len(counts)]
+        return LabelledImages(examples.images[rows], examples.labels[rows])
 
 
 def _of(data: LabelledImages, labels: list[int]) -> LabelledImages:
@@ -111,13 +126,10 @@ def _of(data: LabelledImages, labels: list[int]) -> LabelledImages:
     return data if rows.all() else LabelledImages(data.images[rows], data.labels[rows])
 
 
-def _some(labels: Int64[ndarray, "n"], rows: Int64[ndarray, "m"], each: int, seed: int) -> Int64[ndarray, "k"]:
-    """``each`` of the rows of every class, at random; classes in turn, so that a beginning of them is even."""
+def _in_turns(labels: Int64[ndarray, "n"], rows: Int64[ndarray, "m"], seed: int) -> Int64[ndarray, "m"]:
+    """The rows, of each class at random, classes in turn: any beginning of them is as even as can be."""
     rng = np.random.default_rng(seed)
-    chosen = []
-    for label in np.unique(labels[rows]):
-        members = rows[labels[rows] == label]
-        chosen.append(rng.permutation(members)[:each])
-    longest = max(map(len, chosen))
-    turns = [members[turn] for turn in range(longest) for members in chosen if turn < len(members)]
+    classes = [rng.permutation(rows[labels[rows] == label]) for label in np.unique(labels[rows])]
+    longest = max(map(len, classes))
+    turns = [members[turn] for turn in range(longest) for members in classes if turn < len(members)]
     return np.array(turns, np.int64)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from sextant.errors import UserError
 from sextant.evaluation import BENCHMARK_15, CorruptionErrors
 from sextant.evaluation.calibration_summary import median_error
 from sextant.reports.shared_set import SharedSet
@@ -164,8 +165,16 @@ def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None, rea
         reads: the method whose answers count.
 
     Raises:
-        KeyError: they are not the arrays of a run, or do not have the answers of this method.
+        KeyError: they are not the arrays of a run.
+        UserError: they do not have the answers of the method that is read.
     """
+    if reads is not None and ANSWERS + reads not in arrays:
+        methods = [key.removeprefix(ANSWERS) for key in arrays if key.startswith(ANSWERS)]
+        raise UserError(
+            f"an arm of the sweep reads the answers of {reads}; its runs have those of "
+            f"{', '.join(methods) or 'one method alone'}",
+            "Mend reads of the arm, and run the sweep again.",
+        )
     if any(key.startswith(ANSWERS) for key in arrays):
         return RunValues(RECOGNITION, _recognised(arrays, reads))
     if trials := [key for key in arrays if key.startswith(LOCALIZED)]:

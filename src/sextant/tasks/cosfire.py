@@ -1,31 +1,38 @@
 """Recognition by filters that are configured from single examples (chapter 6), beside what they are compared with."""
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytorch_lightning as pl
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float32, Int64, UInt8
+from jaxtyping import Bool, Float, Float32, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
+from sextant.baselines.grey import LUMA
+from sextant.baselines.linear_svm import LinearSVM
 from sextant.data.batches import Batch, ImageBatches
 from sextant.data.examples import ExampleData
 from sextant.evaluation import classification_converged
-from sextant.layers.cosfire import Cosfire
+from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.models import FeatureMap
 from sextant.tasks.filter_prototypes import Prototypes, PrototypeSettings, configure
+from sextant.tasks.fine_tuning import FineTuning, LinearLayer, fine_tune, log_maxima
 from sextant.tasks.learnt_later import LearntLater
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.recognition_methods import (
     NEAREST_AMONG,
+    OF_EXAMPLES,
     OF_NETWORK,
+    REPRESENTATIONS,
     Method,
+    Representation,
     nearest_example,
     strongest_filter,
     svm_of,
@@ -48,13 +55,17 @@ class Comparison:
         methods: see :data:`~sextant.tasks.recognition_methods.METHODS`.
         prices: of an error, among which tuning images choose; a single one needs none.
         choose_among: examples of which machines are made while prices are compared.
+        network_answers: the network was trained for the classes that are tested.
         logarithms: machines see logarithms of the filters' maxima.
+        fine_tuning: of a copy of the filters, for the method ``cosfire_tuned``; without epochs there is none.
     """
 
     methods: tuple[Method, ...] = ("cosfire_svm", "strongest_filter", *OF_NETWORK)
     prices: tuple[float, ...] = (0.001, 0.01, 0.1, 1.0)
     choose_among: int = 5000
     logarithms: bool = False
+    network_answers: bool = True
+    fine_tuning: FineTuning = field(default_factory=FineTuning)
 
 
 @dataclass
@@ -126,12 +137,16 @@ class CosfireRecognition(pl.LightningModule):
         self.features = features
         if features is not None:
             features.requires_grad_(False)
-        self.filters = filters(features)
+        self._make_filters = partial(filters, features)
+        self.filters = self._make_filters()
+        self.tuned = self._make_filters() if comparison.fine_tuning.epochs else None
         self.prototype_settings, self.comparison = prototypes, comparison
         self.describe, self.seed, self.show = describe, seed, show
         self.optimizer_factory, self.schedule = optimizer, schedule
         self.step_losses = StepLosses(log_every)
-        self.prototypes = LearntLater("labels", "images", "points", "own", "pictures")
+        self.prototypes = LearntLater("labels", "images", "points", "own", "pictures", "least")
+        self.known = LearntLater("images", "labels")
+        self.tuned_layer = LearntLater("weights", "bias", "losses") if self.tuned is not None else None
         self.machines = nn.ModuleDict(
             {name: LearntLater("weights", "bias", "price") for name in MACHINES if name in self.methods}
         )
@@ -140,17 +155,19 @@ class CosfireRecognition(pl.LightningModule):
 
     @property
     def methods(self) -> list[Method]:
-        """Those of the comparison that there are the parts for."""
-        missing = set() if self.features is not None else set(OF_NETWORK)
-        missing |= {"network"} if self.network is None else set()
+        """Those of the comparison that there are the parts for; the first is the one that predicts."""
+        missing: set[Method] = set() if self.features is not None else set(OF_NETWORK)
+        missing |= {"network"} if self.network is None or not self.comparison.network_answers else set()
         missing |= {"descriptor"} if self.describe is None else set()
-        return [method for method in self.comparison.methods if method not in missing]
+        found = [method for method in self.comparison.methods if method not in missing]
+        return [*found, "cosfire_tuned"] if self.comparison.fine_tuning.epochs else found
 
     # -- the network ---------------------------------------------------------------------------------------------------
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor | None:
         """Cross-entropy of the network; nothing without one to train."""
         if self.network is None:
+            self.optimizers().step()  # type: ignore[union-attr]
             return None
         loss = F.cross_entropy(self.network(batch.images_in_unit_range()), batch.labels)
         self._log_training_loss(self.step_losses.add(self.global_step, loss))
@@ -185,78 +202,149 @@ class CosfireRecognition(pl.LightningModule):
         examples, tuning = data.split("examples"), data.split("tuning")
         generator = torch.Generator().manual_seed(self.seed)
         self.filters.clear()
-        found = configure(self.filters, examples.images, examples.labels, self.prototype_settings, generator)
+        seen = self.seen(examples.images)
+        found = configure(self.filters, seen, examples.labels, self.prototype_settings, generator)
         self.prototypes.keep(
             labels=found.labels,
             images=found.images,
             points=found.points,
             own=found.own,
-            pictures=examples.images[found.images],
+            pictures=seen[found.images],
         )
+        if any(method in self.methods for method in OF_EXAMPLES):
+            order = torch.randperm(len(examples), generator=torch.Generator().manual_seed(self.seed))
+            rows = order[:NEAREST_AMONG].sort().values
+            self.known.keep(images=examples.images[rows], labels=examples.labels[rows])
+        of_examples: dict[str, Tensor] = {}
+        of_tuning: dict[str, Tensor] = {}
+        if "cosfire_svm" in self.machines or self.tuned is not None:
+            of_examples["maxima"] = self._represented("maxima", examples.images)
+            positive = of_examples["maxima"][of_examples["maxima"] > 0]
+            self.prototypes.keep(least=positive.min().reshape(1) if len(positive) else torch.ones(1))
         for name, machine in self.machines.items():
-            known = self._representation(name, examples)
-            held = self._representation(name, tuning) if len(tuning) else known[:0]
-            fitted = svm_of(
-                (known, examples.labels),
-                (held, tuning.labels),
-                len(self.classes),
-                self.comparison.prices,
-                self.comparison.choose_among,
-                self.seed,
-            )
+            known = self._features_of(name, examples.images, of_examples)  # type: ignore[arg-type]
+            held = self._features_of(name, tuning.images, of_tuning) if len(tuning) else known[:0]  # type: ignore[arg-type]
+            fitted = self._machine((known, examples.labels), (held, tuning.labels))
             machine.keep(  # type: ignore[operator]
                 weights=torch.from_numpy(fitted.weights),
                 bias=torch.from_numpy(fitted.bias),
                 price=torch.tensor([fitted.c], dtype=torch.float64),
             )
+        if self.tuned is not None:
+            self._fine_tune(examples, tuning, of_examples["maxima"], of_tuning)
+
+    def _machine(self, examples: tuple[Tensor, Tensor], tuning: tuple[Tensor, Tensor]) -> LinearSVM:
+        chosen = self.comparison
+        return svm_of(examples, tuning, len(self.classes), chosen.prices, chosen.choose_among, self.seed)
+
+    def _fine_tune(
+        self, examples: ImageBatches, tuning: ImageBatches, maxima: Tensor, of_tuning: dict[str, Tensor]
+    ) -> None:
+        """Train a copy of the filters on, from the machine of their log-maxima."""
+        assert self.tuned is not None
+        assert self.tuned_layer is not None
+        if len(tuning) and "maxima" not in of_tuning:
+            of_tuning["maxima"] = self._represented("maxima", tuning.images)
+        held = of_tuning["maxima"] if len(tuning) else maxima[:0]
+        start = self._machine((log_maxima(maxima), examples.labels), (log_maxima(held), tuning.labels))
+        with self.show("fine-tuning") as progress:
+            found = fine_tune(
+                self.filters,
+                self._make_filters,
+                LinearLayer(torch.from_numpy(start.weights), torch.from_numpy(start.bias)),
+                maxima,
+                self.seen(examples.images),
+                examples.labels,
+                self.comparison.fine_tuning,
+                torch.Generator().manual_seed(self.seed),
+                progress,
+            )
+        self.tuned.load_state_dict(found.filters.state_dict())
+        losses = torch.tensor(found.losses, dtype=torch.float64)
+        self.tuned_layer.keep(weights=found.layer.weights, bias=found.layer.bias, losses=losses)
 
     def _network_state(self) -> dict[str, Tensor]:
         assert self.network is not None
         return {f"network.{name}": value for name, value in self.network.state_dict().items()}
 
-    def _representation(self, method: str, split: ImageBatches) -> Tensor:
-        if method in ("cosfire_svm", "strongest_filter"):
+    def _features_of(
+        self, method: Method, images: UInt8[Tensor, "n c h w"], known: dict[str, Tensor]
+    ) -> Float[Tensor, "n d"]:
+        """What a method sees of images; what several see is worked out once and kept in ``known``."""
+        kind = REPRESENTATIONS[method]
+        if kind not in known:
+            known[kind] = self._represented(kind, images)
+        if method == "cosfire_svm" and self.comparison.logarithms:
+            return known[kind].clamp(min=float(self.prototypes["least"])).log()
+        return known[kind]
+
+    def seen(self, images: UInt8[Tensor, "n c h w"]) -> UInt8[Tensor, "n k h w"]:
+        """Images as the filters take them: in grey (luma) where they look at images themselves."""
+        if images.shape[1] == 1 or not isinstance(self.filters.bank, (GaborBank, DoGBank)):
+            return images
+        luma = torch.from_numpy(LUMA)[:, None, None]
+        return torch.cat([(batch * luma).sum(1, keepdim=True).round().byte() for batch in images.split(256)])
+
+    def _represented(self, kind: Representation, images: Tensor) -> Tensor:
+        if kind in ("maxima", "tuned"):
+            filters = self.filters if kind == "maxima" else self.tuned
+            assert filters is not None
             with self.show("filtering") as progress:
-                maxima = filter_maxima(self.filters, split.images, progress)
-            if method == "cosfire_svm" and self.comparison.logarithms:
-                least = maxima[maxima > 0].min() if (maxima > 0).any() else torch.tensor(1.0)
-                return maxima.clamp(min=float(least)).log()
-            return maxima
-        if method == "descriptor":
+                return filter_maxima(filters, self.seen(images), progress)
+        if kind == "descriptor":
             assert self.describe is not None
-            return torch.from_numpy(self.describe(split.images.permute(0, 2, 3, 1).contiguous().numpy()))
+            return torch.from_numpy(self.describe(images.permute(0, 2, 3, 1).contiguous().numpy()))
+        if kind == "logits":
+            return self._logits(images)
         assert self.features is not None
-        return feature_maps(self.features, split.images, "pooled" if method == "pooled_svm" else "full")
+        return feature_maps(self.features, images, "pooled" if kind == "pooled" else "full")
 
     # -- validation and test -------------------------------------------------------------------------------------------
 
-    def answers(self, split: ImageBatches, data: ExampleData) -> dict[Method, np.ndarray]:
-        """The class that each method gives each image."""
-        found: dict[Method, np.ndarray] = {}
-        count = len(self.classes)
-        for method in self.methods:
+    def scores(self, images: UInt8[Tensor, "n c h w"], methods: Sequence[Method] | None = None) -> dict[Method, Tensor]:
+        """How much each image looks like each class, (n, k), by method; on the processor, -inf for no class at all.
+
+        Args:
+            images: bytes, on the processor.
+            methods: of :attr:`methods`; None is all.
+        """
+        known: dict[str, Tensor] = {}
+        of_examples: dict[str, Tensor] = {}
+        found: dict[Method, Tensor] = {}
+        for method in self.methods if methods is None else methods:
+            features = self._features_of(method, images, known)
             if method in self.machines:
                 machine = self.machines[method]
-                features = self._representation(method, split).double()
-                scores = features @ machine["weights"].T + machine["bias"]  # type: ignore[index]
+                layer = LinearLayer(machine["weights"], machine["bias"])  # type: ignore[index]
+                found[method] = layer.scores(features)
+            elif method == "cosfire_tuned":
+                assert self.tuned_layer is not None
+                layer = LinearLayer(self.tuned_layer["weights"], self.tuned_layer["bias"])
+                found[method] = layer.scores(log_maxima(features))
             elif method == "strongest_filter":
-                maxima = self._representation(method, split)
-                scores = strongest_filter(maxima, self.prototypes["own"], self.prototypes["labels"], count)
-            elif method == "network":
-                scores = self._logits(split)
+                own, labels = self.prototypes["own"].cpu(), self.prototypes["labels"].cpu()
+                found[method] = strongest_filter(features, own, labels, len(self.classes))
+            elif method in OF_EXAMPLES:
+                among = self._features_of(method, self.known["images"].cpu(), of_examples)
+                found[method] = nearest_example(features, among, self.known["labels"].cpu(), len(self.classes))
             else:
-                examples = data.split("examples")
-                known = ImageBatches(examples.images[:NEAREST_AMONG], examples.labels[:NEAREST_AMONG])
-                maps, among = (self._representation(method, images) for images in (split, known))
-                found[method] = nearest_example(maps, among, known.labels).numpy()
-                continue
-            found[method] = scores.argmax(1).numpy()
+                found[method] = features
         return found
 
-    def _logits(self, split: ImageBatches) -> Tensor:
+    def answers(self, images: UInt8[Tensor, "n c h w"]) -> dict[Method, np.ndarray]:
+        """The class that each method gives each image."""
+        return {method: scores.argmax(1).numpy() for method, scores in self.scores(images).items()}
+
+    def _logits(self, images: Tensor) -> Tensor:
         assert self.network is not None
         with torch.no_grad():
-            return torch.cat([self.network(images.float() / 255) for images in split.images.split(256)])
+            batches = (batch.to(self.device).float() / 255 for batch in images.split(256))
+            return torch.cat([self.network(batch).cpu() for batch in batches])
+
+    def predict_step(self, images: UInt8[Tensor, "n c h w"]) -> Float[Tensor, "n k"]:
+        """How much images, bytes, look like each class to the first method."""
+        method = self.methods[0]
+        return self.scores(images, [method])[method]
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Count the network's right answers."""
@@ -270,9 +358,9 @@ class CosfireRecognition(pl.LightningModule):
             self.log("val/accuracy", torch.cat(self._validation).mean())
             self._validation = []
         elif len(self.filters) and len(self._data.split("tuning")):
-            answers = self.answers(self._data.split("tuning"), self._data)
-            right = answers[self.methods[0]] == self._data.split("tuning").labels.numpy()
-            self.log("val/accuracy", float(right.mean()))
+            tuning, method = self._data.split("tuning"), self.methods[0]
+            answers = self.scores(tuning.images, [method])[method].argmax(1)
+            self.log("val/accuracy", (answers == tuning.labels).float().mean())
 
     def test_step(self, batch: Batch, batch_idx: int) -> None:
         """Nothing: methods look at all test images at once when the test ends."""
@@ -283,15 +371,17 @@ class CosfireRecognition(pl.LightningModule):
         rows = torch.arange(0, len(split), self._data.test_every)
         shown = ImageBatches(split.images[rows], split.labels[rows])
         conditions = {name: found[rows.numpy()] for name, found in self._data.test_conditions().items()}
-        self.result = RecognitionResult(shown.labels.numpy(), self.answers(shown, self._data), conditions)
+        self.result = RecognitionResult(shown.labels.numpy(), self.answers(shown.images), conditions)
         self.log_dict({f"test/accuracy/{method}": value for method, value in self.result.accuracy().items()})
         for name in conditions:
             accuracy = self.result.accuracy_under(name)
             self.log_dict({f"test/accuracy/{method}/{name}": value for method, value in accuracy.items()})
 
     def configure_optimizers(self) -> Any:
-        """The optimiser of the network, with the schedule stepped once an epoch; none without one."""
-        return None if self.network is None else optimizers(self, self.optimizer_factory, self.schedule)
+        """The optimiser of the network, with the schedule stepped once an epoch."""
+        if self.network is None:  # Lightning writes no checkpoint unless something was stepped
+            return torch.optim.SGD([torch.zeros(1, requires_grad=True)], lr=0.0)
+        return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:
         """Whether the network learnt at all, by the rule of classification; filters are not judged."""
@@ -312,7 +402,8 @@ class CosfireRecognition(pl.LightningModule):
         """How many filters and parts there are, and at which price each machine was fitted."""
         filters, parts = len(self.filters), len(self.filters.rho)
         prices = {name: float(machine["price"]) for name, machine in self.machines.items()}  # type: ignore[index]
-        return {"filters": filters, "parts": parts, "prices": prices}
+        found = {"filters": filters, "parts": parts, "prices": prices}
+        return found if self.tuned_layer is None else found | {"tuning_losses": self.tuned_layer["losses"].tolist()}
 
     def figures(self, data: ExampleData) -> "Iterator[tuple[str, Figure]]":
         """Pictures of the test; see :func:`~sextant.tasks.cosfire_report.recognition_figures`."""
@@ -324,7 +415,7 @@ class CosfireRecognition(pl.LightningModule):
     def configured_from(self) -> Prototypes:
         """What the filters were configured from."""
         kept = self.prototypes
-        return Prototypes(kept["labels"], kept["images"], kept["points"], kept["own"])
+        return Prototypes(*(kept[name].cpu() for name in ("labels", "images", "points", "own")))
 
     @property
     def _data(self) -> ExampleData:

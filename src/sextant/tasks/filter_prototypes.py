@@ -9,6 +9,7 @@ from torch import Tensor
 
 from sextant.errors import UserError
 from sextant.layers.cosfire import Cosfire
+from sextant.tasks.representations import filter_maxima, images_at_once
 
 #: further places that are tried where an example has no structure
 TRIES = 20
@@ -75,12 +76,9 @@ def configure(
 
 def own_responses(filters: Cosfire, images: UInt8[Tensor, "f c h w"]) -> Float[Tensor, "f"]:
     """The strongest response of filter i to image i."""
-    found = []
-    with torch.no_grad():
-        for start in range(0, len(images), 64):
-            responses = filters.maxima(images[start : start + 64].float() / 255)
-            found.append(responses[:, start : start + 64].diagonal())
-    return torch.cat(found)
+    # in batches, whose responses to all filters are held at a time; the order of filters is that of images
+    rows = torch.arange(len(images)).split(images_at_once(filters, images))
+    return torch.cat([filter_maxima(filters, images[own])[:, own].diagonal() for own in rows])
 
 
 def _configured(
@@ -93,6 +91,7 @@ def _configured(
 ) -> tuple[int, float, float]:
     """Add a filter; returns its example and point."""
     height, width = images.shape[-2:]
+    refused = ""
     for attempt in range(TRIES):
         # a place in the same example first, and another example from half of the tries on
         row = int(order[(turn + (attempt if settings.at == "centre" or attempt >= TRIES // 2 else 0)) % len(order)])
@@ -101,13 +100,16 @@ def _configured(
             share = settings.margin + (1 - 2 * settings.margin) * torch.rand(2, generator=generator)
             point = (float(share[0]) * (width - 1), float(share[1]) * (height - 1))
         try:
-            filters.configure(images[row].float() / 255, point)
-        except UserError:
+            filters.configure(images[row].to(filters.rho.device).float() / 255, point)
+        except UserError as error:
+            refused = f"; at the last place: {error.problem}"
             continue
+        refused = ""
         if len(filters.tuples(len(filters) - 1)) >= settings.least_parts:
             return row, *point
         filters.drop_last()
     raise UserError(
-        f"no filter of at least task.least_parts={settings.least_parts} parts could be configured in {TRIES} tries",
+        f"no filter of at least task.least_parts={settings.least_parts} parts could be configured in {TRIES} tries"
+        f"{refused}",
         "Lower task.least_parts, strategy.t2 or filters.t1, or choose smaller strategy.radii.",
     )

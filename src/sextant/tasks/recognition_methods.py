@@ -10,7 +10,9 @@ from torch import Tensor
 
 from sextant.baselines.linear_svm import LinearSVM
 
-Method = Literal["cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor"]
+Method = Literal[
+    "cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor", "cosfire_tuned"
+]
 #: what each is, for tables
 METHODS: dict[Method, str] = {
     "cosfire_svm": "maxima of COSFIRE filters, linear SVM",
@@ -20,7 +22,22 @@ METHODS: dict[Method, str] = {
     "nearest": "nearest example by the cosine of whole feature maps",
     "network": "the network itself",
     "descriptor": "nearest example by the cosine of place descriptors",
+    "cosfire_tuned": "log-maxima of COSFIRE filters, linear layer, both trained on from the SVM",
 }
+#: what a method sees of an image
+Representation = Literal["maxima", "tuned", "full", "pooled", "logits", "descriptor"]
+REPRESENTATIONS: dict[Method, Representation] = {
+    "cosfire_svm": "maxima",
+    "strongest_filter": "maxima",
+    "full_svm": "full",
+    "pooled_svm": "pooled",
+    "nearest": "full",
+    "network": "logits",
+    "descriptor": "descriptor",
+    "cosfire_tuned": "tuned",
+}
+#: those that compare with examples themselves
+OF_EXAMPLES: tuple[Method, ...] = ("nearest", "descriptor")
 #: those that need a network
 OF_NETWORK: tuple[Method, ...] = ("full_svm", "pooled_svm", "nearest", "network")
 #: of examples that the nearest is looked for among
@@ -49,14 +66,19 @@ def strongest_filter(
     maxima: Float[Tensor, "n f"], own: Float[Tensor, "f"], labels: Int64[Tensor, "f"], count: int
 ) -> Float[Tensor, "n k"]:
     """For each class the largest response of one of its filters, as a share of the response to its own prototype."""
-    shares = maxima / own.clamp(min=torch.finfo(own.dtype).tiny)
-    scores = shares.new_full((len(maxima), count), -torch.inf)
-    return scores.index_reduce_(1, labels, shares, "amax")
+    return _best_of_class(maxima / own.clamp(min=torch.finfo(own.dtype).tiny), labels, count)
 
 
 def nearest_example(
-    images: Float[Tensor, "n d"], examples: Float[Tensor, "m d"], labels: Int64[Tensor, "m"]
-) -> Int64[Tensor, "n"]:
-    """The label of the example with the largest cosine."""
+    images: Float[Tensor, "n d"], examples: Float[Tensor, "m d"], labels: Int64[Tensor, "m"], count: int
+) -> Float[Tensor, "n k"]:
+    """For each class the largest cosine to one of its examples."""
     known = F.normalize(examples, dim=1)
-    return torch.cat([labels[(F.normalize(batch, dim=1) @ known.T).argmax(1)] for batch in images.split(1024)])
+    found = [_best_of_class(F.normalize(batch, dim=1) @ known.T, labels, count) for batch in images.split(1024)]
+    return torch.cat(found)
+
+
+def _best_of_class(scores: Float[Tensor, "n m"], labels: Int64[Tensor, "m"], count: int) -> Float[Tensor, "n k"]:
+    """The largest of the columns of each label; -inf where there is none."""
+    best = scores.new_full((len(scores), count), -torch.inf)
+    return best.scatter_reduce(1, labels.expand(len(scores), -1), scores, "amax")

@@ -17,34 +17,41 @@ Progress = Callable[[int, int], None]
 def filter_maxima(
     filters: Cosfire, images: UInt8[Tensor, "n c h w"], show: Progress = lambda done, total: None
 ) -> Float[Tensor, "n f"]:
-    """The strongest response of each filter in each image."""
-    with torch.no_grad():
-        map_size = filters.bank.describe(images[:1].float() / 255).shape[-2:].numel()
-    batch = min(64, max(1, FLOATS_AT_ONCE // (len(filters.rho) * map_size)))
-    return _in_batches(filters.maxima, images, batch, show)
+    """The strongest response of each filter in each image; worked out where the filters are, told on the processor."""
+    return _in_batches(filters.maxima, images, images_at_once(filters, images), filters.rho.device, show)
 
 
 def feature_maps(
     features: nn.Module, images: UInt8[Tensor, "n c h w"], kind: Literal["full", "pooled"]
 ) -> Float[Tensor, "n d"]:
-    """The rectified feature map of each image as it is, or the mean over its places."""
+    """The rectified feature map of each image as it is, or the mean over its places; on the processor."""
 
     def described(batch: Tensor) -> Tensor:
         maps: Tensor = features(batch).clamp(min=0)
         return maps.flatten(1) if kind == "full" else maps.mean((2, 3))
 
-    return _in_batches(described, images, 64)
+    weight = next(features.parameters(), None)
+    return _in_batches(described, images, 64, torch.device("cpu") if weight is None else weight.device)
+
+
+def images_at_once(filters: Cosfire, images: UInt8[Tensor, "n c h w"]) -> int:
+    """As many as have room for the maps of all parts, 64 at most."""
+    with torch.no_grad():
+        one = images[:1].to(filters.rho.device).float() / 255
+        map_size = filters.bank.describe(one).shape[-2:].numel()
+    return min(64, max(1, FLOATS_AT_ONCE // (len(filters.rho) * map_size)))
 
 
 def _in_batches(
     describe: Callable[[Tensor], Tensor],
     images: UInt8[Tensor, "n c h w"],
     batch: int,
+    device: torch.device,
     show: Progress = lambda done, total: None,
 ) -> Tensor:
     found = []
     with torch.no_grad():
         for start in range(0, len(images), batch):
-            found.append(describe(images[start : start + batch].float() / 255))
+            found.append(describe(images[start : start + batch].to(device).float() / 255).cpu())
             show(min(start + batch, len(images)), len(images))
     return torch.cat(found)

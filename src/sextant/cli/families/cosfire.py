@@ -35,6 +35,8 @@ class CosfireFamily(Family):
     def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
         _check_parts(config)
+        if raw["corruption"].get("corruptions"):
+            raise UserError("corruption: task=cosfire tests images as they are", "corruption=none")
         source, scenes = build_dataset(raw, config), _task(config).scenes
         if config.descriptor is not None:
             descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a missing run is told at once
@@ -110,6 +112,7 @@ class CosfireFamily(Family):
         """The module, with its network or the feature map of another run's."""
         from sextant.tasks.cosfire import Comparison, CosfireRecognition
         from sextant.tasks.filter_prototypes import PrototypeSettings
+        from sextant.tasks.fine_tuning import FineTuning
 
         images, task = image_spec(spec), raw["task"]
         shape = (images.channels, images.height, images.width)
@@ -126,7 +129,13 @@ class CosfireFamily(Family):
             partial(make_filters, raw),
             images.classes,
             PrototypeSettings(task["filters_per_class"], task["at"], task["margin"], task["least_parts"]),
-            Comparison(tuple(task["methods"]), tuple(task["prices"]), logarithms=task["logarithms"]),
+            Comparison(
+                tuple(task["methods"]),
+                tuple(task["prices"]),
+                logarithms=task["logarithms"],
+                network_answers=not task["novel_classes"],
+                fine_tuning=FineTuning(**task["fine_tune"]),
+            ),
             image_shape=shape,
             network=network,
             layer=raw["features"]["layer"],
@@ -215,7 +224,11 @@ def _features_of(
         checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"])).checkpoint
         module.load_state_dict(read_trained(checkpoint)["state_dict"])
     layer = raw["features"]["layer"]
-    if layer is None and kept["task"] == "place_recognition":
+    if kept["task"] == "place_recognition":
+        if layer is not None:  # one feature map within another would never see a layer of the inner one
+            known = module.network.backbone
+            network = known.network if isinstance(known, FeatureMap) else known
+            module.network.backbone = FeatureMap(network, shape[0], shape[1:], layer=layer)
         layer = "backbone"
     return FeatureMap(module.network.eval(), shape[0], shape[1:], layer=layer)
 
@@ -257,21 +270,45 @@ def _check_parts(config: Config) -> None:
             "bank=vectors and strategy=vector_keypoints belong together",
             "Choose both, or another bank with strategy=circles or channel_peaks.",
         )
-    if _task(config).scenes is not None:
-        if config.features is None or config.features.run is None:
+    task = _task(config)
+    trained_before = config.features is not None and config.features.run is not None
+    if task.scenes is not None:
+        _check_scenes(task, trains=config.backbone is not None and not trained_before)
+    if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
+        raise UserError(
+            "no backbone and no features.run: bank looks at the feature map of a network",
+            "Choose a backbone, features=run:<id>, or bank=gabor.",
+        )
+    lacking = {
+        "network": config.backbone is None or trained_before or bool(task.novel_classes),
+        "descriptor": config.descriptor is None,
+        **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), config.backbone is None and not trained_before),
+    }
+    if all(lacking.get(method, False) for method in task.answering()):
+        raise UserError(
+            f"task.methods=[{', '.join(task.methods)}]: this run has none of what these need: a network (of its own "
+            "and of the classes that are tested for method network), or a descriptor",
+            "Add cosfire_svm or strongest_filter.",
+        )
+
+
+def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
+    """Raise a ``UserError`` where something is chosen that places as classes leave no room for."""
+    if trains:
+        raise UserError(
+            "task.scenes: places have too few images each to train a network on",
+            "Name one: features=run:<id>; or bank=gabor strategy=circles '~backbone'.",
+        )
+    if len(task.prices) > 1:
+        raise UserError(
+            f"task.prices={task.prices}: scenes leave no image to choose a price by", "For example task.prices=[1.0]"
+        )
+    for name, chosen in (("images", task.images), ("examples", task.examples), ("novel_classes", task.novel_classes)):
+        if chosen:
             raise UserError(
-                "task.scenes: places have too few images each to train a network on", "Name one: features=run:<id>."
-            )
-        if len(_task(config).prices) > 1:
-            raise UserError(
-                f"task.prices={_task(config).prices}: scenes leave no image to choose a price by", "task.prices=[1.0]"
-            )
-    if isinstance(config.bank, (VectorBank, FeatureBank)):
-        assert config.features is not None
-        if config.backbone is None and config.features.run is None:
-            raise UserError(
-                "backbone=null and no features.run: bank looks at the feature map of a network",
-                "Choose a backbone, features=run:<id>, or bank=gabor.",
+                f"task.{name}={chosen}: scenes have the images that task.scenes.references and neighbours name, and "
+                "are all told by these alone",
+                "Leave it out; fewer scenes: task.scenes.spacing.",
             )
 
 
