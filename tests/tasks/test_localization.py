@@ -135,8 +135,11 @@ def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
 
 
 def test_a_laser_needs_no_training(run):
-    found = run("observation=laser_field", "task.starts=2", "trainer.max_epochs=1").results()
+    directory = run("observation=laser_field", "task.starts=2", "trainer.max_epochs=1")
+    found = directory.results()
     assert found["parameters"] == 0
+    kept = load_checkpoint(directory.last_checkpoint)["state_dict"]  # it can be tested again
+    assert float(kept["fitted"]) == pytest.approx(found["metrics"]["val/tempering"], rel=1e-6)
     assert 0 < found["metrics"]["val/tempering"] <= 1
     assert found["metrics"]["val/place_nll"] < found["metrics"]["val/place_nll_uniform"]
 

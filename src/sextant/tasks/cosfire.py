@@ -25,7 +25,7 @@ from sextant.models import FeatureMap
 from sextant.tasks.filter_prototypes import Prototypes, PrototypeSettings, configure
 from sextant.tasks.fine_tuning import FineTuning, LinearLayer, fine_tune, log_maxima
 from sextant.tasks.learnt_later import LearntLater
-from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, nothing_to_optimize, optimizers
 from sextant.tasks.recognition_methods import (
     NEAREST_AMONG,
     OF_EXAMPLES,
@@ -379,8 +379,8 @@ class CosfireRecognition(pl.LightningModule):
 
     def configure_optimizers(self) -> Any:
         """The optimiser of the network, with the schedule stepped once an epoch."""
-        if self.network is None:  # Lightning writes no checkpoint unless something was stepped
-            return torch.optim.SGD([torch.zeros(1, requires_grad=True)], lr=0.0)
+        if self.network is None:
+            return nothing_to_optimize()
         return optimizers(self, self.optimizer_factory, self.schedule)
 
     def converged(self, validation: dict[str, float]) -> bool:

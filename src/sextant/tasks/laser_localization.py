@@ -18,6 +18,7 @@ from sextant.localization.laser import BeamModel, LikelihoodField
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observers import Laser, Observer
 from sextant.tasks.localization_validation import protocol_of, same_place, validation_rows
+from sextant.tasks.optimizing import nothing_to_optimize
 from sextant.tasks.sensor_measures import sensor_cost
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import OccupancyGrid, occupancy_from_scans
@@ -56,6 +57,7 @@ class LaserLocalization(pl.LightningModule):
 
     def training_step(self, rows: Tensor, batch_idx: int) -> None:
         """There is nothing to climb."""
+        self.optimizers().step()  # type: ignore[union-attr]
 
     def on_train_epoch_end(self) -> None:
         """Fit the tempering when the last epoch is done."""
@@ -115,8 +117,8 @@ class LaserLocalization(pl.LightningModule):
         """Nothing: drives are localized when the test is recorded, with progress."""
 
     def configure_optimizers(self) -> Any:
-        """None."""
-        return None
+        """One of nothing."""
+        return nothing_to_optimize()
 
     def converged(self, validation: dict[str, float]) -> bool:
         """As for images."""

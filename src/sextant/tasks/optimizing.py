@@ -4,13 +4,19 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytorch_lightning as pl
+import torch
 from torch import nn
-from torch.optim import Optimizer
+from torch.optim import SGD, Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
 #: factor on the learning rate as a function of the share of epochs done
 Schedule = Callable[[float], float]
+
+
+def nothing_to_optimize() -> Optimizer:
+    """For a module that learns without gradients: Lightning writes no checkpoint unless an optimiser has stepped."""
+    return SGD([torch.zeros(1, requires_grad=True)], lr=0.0)
 
 
 def optimizers(module: pl.LightningModule, factory: OptimizerFactory | None, schedule: Schedule | None) -> Any:
