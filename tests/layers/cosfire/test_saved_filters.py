@@ -94,7 +94,7 @@ def test_filters_over_a_network_need_it(path, kind):
 def test_a_strategy_of_the_users_own_cannot_be_saved(path):
     @dataclass(frozen=True)
     class ConcentricCircles(Given):
-        pass
+        """Of the same name as one of ours."""
 
     with pytest.raises(UserError, match="strategy ConcentricCircles cannot be saved"):
         Cosfire(DoGBank(), ConcentricCircles(())).save(path)

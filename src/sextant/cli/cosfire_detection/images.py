@@ -73,5 +73,5 @@ def _small(path: Path) -> UInt8[ndarray, "h w 3"] | None:
             if min(image.size) >= SMALLEST_SIDE:
                 return None
             return np.asarray(rgb_bytes(ImageOps.exif_transpose(image), 1))
-    except Exception:  # what is wrong was told by read_photo
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # read_photo told what is wrong
         return None

@@ -75,27 +75,25 @@ class ConcentricCircles(Part):
     one_of: bool
 
 
-class ChannelPeaks(Part):
+class _Keypoints(Part):
+    window: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[1])
+    reach: Positive = Field(examples=[8.0])
+    strength: UnitShare = Field(examples=[0.2])
+    apart: NonNegative = Field(examples=[1.0])
+    most: Count = Field(examples=[20])
+
+
+class ChannelPeaks(_Keypoints):
     """Strategy A: peaks of channels."""
 
     target: Literal["sextant.layers.cosfire.ChannelPeaks"] = Field(alias="_target_")
-    window: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[1])
-    reach: Positive = Field(examples=[8.0])
     t2: UnitShare = Field(examples=[0.75])
-    strength: UnitShare = Field(examples=[0.2])
-    apart: NonNegative = Field(examples=[1.0])
-    most: Count = Field(examples=[20])
 
 
-class VectorKeypoints(Part):
+class VectorKeypoints(_Keypoints):
     """Strategy B: vectors of keypoints."""
 
     target: Literal["sextant.layers.cosfire.VectorKeypoints"] = Field(alias="_target_")
-    window: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[1])
-    reach: Positive = Field(examples=[8.0])
-    strength: UnitShare = Field(examples=[0.2])
-    apart: NonNegative = Field(examples=[1.0])
-    most: Count = Field(examples=[20])
 
 
 Strategy = Annotated[

@@ -1,7 +1,7 @@
 """COSFIRE filters, configured from one example, over Gabor filters, differences of Gaussians or networks' features."""
 
 from sextant.layers.cosfire.b_cosfire import BCosfire
-from sextant.layers.cosfire.bank import Bank
+from sextant.layers.cosfire.bank import Bank, SteerableBank
 from sextant.layers.cosfire.blur import Blur, gaussian_blur, max_blur
 from sextant.layers.cosfire.border import Border
 from sextant.layers.cosfire.channel_peaks import ChannelPeaks
@@ -33,6 +33,7 @@ __all__ = [
     "Keypoint",
     "Mean",
     "Move",
+    "SteerableBank",
     "Strategy",
     "Tolerance",
     "Tuples",

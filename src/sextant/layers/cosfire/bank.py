@@ -14,12 +14,9 @@ class Bank(nn.Module, ABC):
     """A family of non-negative response maps, each named by a row of P numbers: its *channel*.
 
     Attributes:
-        steerable: whether a channel of a moved image can be told from that of the image (:meth:`moved`). Of what
-            is not, a filter learns moved forms of its prototype from moved prototypes.
         learnable: whether maps are differentiable in the numbers of a channel.
     """
 
-    steerable: bool = False
     learnable: bool = False
 
     @abstractmethod
@@ -42,19 +39,20 @@ class Bank(nn.Module, ABC):
     def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u p"]) -> Float[Tensor, "b u y x"]:
         """A map for each of ``channels``, non-negative."""
 
-    def moved(self, channels: Float[Tensor, "n p"], move: Move) -> Float[Tensor, "n p"]:
-        """The channels that answer to a moved image as ``channels`` do to the image.
-
-        Raises:
-            NotImplementedError: the bank is not steerable.
-        """
-        raise NotImplementedError(
-            f"{type(self).__name__} does not know its channels under rotation, scale or reflection"
-        )
-
     def options(self) -> dict[str, Any]:
         """Arguments that build the bank anew, as plain values; empty if it holds a network."""
         return {}
+
+
+class SteerableBank(Bank):
+    """A bank whose channels of a moved image follow from those of the image.
+
+    Of others a filter learns moved forms of its prototype from moved prototypes.
+    """
+
+    @abstractmethod
+    def moved(self, channels: Float[Tensor, "n p"], move: Move) -> Float[Tensor, "n p"]:
+        """The channels that answer to a moved image as ``channels`` do to the image."""
 
 
 def check_grey(images: Tensor, name: str) -> None:

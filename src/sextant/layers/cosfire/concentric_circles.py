@@ -15,7 +15,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.signal import find_peaks
 from torch import Tensor
 
 from sextant.layers.cosfire.strategy import Strategy
@@ -93,6 +92,8 @@ def _rounded(values: ndarray) -> ndarray:
 
 def _circular_peaks(circle: ndarray, apart: float) -> list[int]:
     """Peaks of a closed sequence, the middle of each plateau, at least ``apart`` apart; the stronger stays."""
+    from scipy.signal import find_peaks  # takes two seconds to import
+
     lowest = int(circle.argmin())
     opened = np.roll(circle, -lowest)  # begins at a minimum, so that no plateau is cut
     found = find_peaks(np.append(opened, opened[0]))[0]

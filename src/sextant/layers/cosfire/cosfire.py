@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from sextant.errors import UserError
-from sextant.layers.cosfire.bank import Bank
+from sextant.layers.cosfire.bank import Bank, SteerableBank
 from sextant.layers.cosfire.blur import Blur
 from sextant.layers.cosfire.border import Border, padded
 from sextant.layers.cosfire.concentric_circles import ConcentricCircles
@@ -170,7 +170,7 @@ class Cosfire(FilterParts):
         forms = (self.filter_of_form == number).nonzero()[:, 0].tolist()
         if not chosen.any():
             raise UserError("no part of the filter is left", "Keep at least one.")
-        if len(forms) > 1 and not self.bank.steerable:
+        if len(forms) > 1 and not isinstance(self.bank, SteerableBank):
             raise UserError(
                 f"each of the filter's {len(forms)} forms has parts of its own, from a moved prototype",
                 "Use no tolerance, or a bank that is steerable.",
@@ -244,8 +244,8 @@ class Cosfire(FilterParts):
         for move in self.tolerance.moves():
             if move.nothing:
                 forms.append(original)
-            elif self.bank.steerable:
-                forms.append(self._moved(original, move))
+            elif isinstance(self.bank, SteerableBank):
+                forms.append(_moved(original, move, self.bank))
             else:
                 forms.append(self._found(*moved_image(image, point, move)))
         return [form for form in forms if len(form)]
@@ -266,10 +266,6 @@ class Cosfire(FilterParts):
                 "VectorKeypoints goes with a VectorBank; the other strategies go with every bank.",
             )
         return found
-
-    def _moved(self, tuples: Tuples, move: Move) -> Tuples:
-        phi = torch.pi - tuples.phi if move.mirrored else tuples.phi
-        return Tuples(self.bank.moved(tuples.channels, move), tuples.rho * move.scale, phi + move.rotation_rad)
 
     def _plan(self) -> Plan:
         if len(self) == 0:
@@ -332,3 +328,8 @@ def _strongest(forms: Iterator[Tensor], plan: Plan) -> Tensor:
         for form in islice(forms, len(own) - 1):
             torch.maximum(best, form, out=best)
     return found
+
+
+def _moved(tuples: Tuples, move: Move, bank: SteerableBank) -> Tuples:
+    phi = torch.pi - tuples.phi if move.mirrored else tuples.phi
+    return Tuples(bank.moved(tuples.channels, move), tuples.rho * move.scale, phi + move.rotation_rad)

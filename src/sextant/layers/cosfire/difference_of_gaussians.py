@@ -15,13 +15,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.layers.cosfire.bank import Bank, check_grey
+from sextant.layers.cosfire.bank import SteerableBank, check_grey
 from sextant.layers.cosfire.blur import gaussian_line, twice_convolved
 from sextant.layers.cosfire.border import Border, padded
 from sextant.layers.cosfire.tolerance import Move
 
 
-class DoGBank(Bank):
+class DoGBank(SteerableBank):
     """Half-wave rectified differences of Gaussians; a channel is (polarity, σ in pixels).
 
     Args:
@@ -33,8 +33,6 @@ class DoGBank(Bank):
     Raises:
         ValueError: no σ, one that is not positive, or a polarity that is neither 1 nor -1.
     """
-
-    steerable = True
 
     def __init__(
         self,
@@ -70,7 +68,7 @@ class DoGBank(Bank):
         return found
 
     def moved(self, channels: Float[Tensor, "n 2"], move: Move) -> Float[Tensor, "n 2"]:
-        """σ grows with the image; see :meth:`Bank.moved`."""
+        """σ grows with the image; see :meth:`SteerableBank.moved`."""
         return channels * torch.tensor([1.0, move.scale], dtype=channels.dtype)
 
     def options(self) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from sextant.errors import UserError
-from sextant.layers.cosfire.bank import Bank, check_grey
+from sextant.layers.cosfire.bank import SteerableBank, check_grey
 from sextant.layers.cosfire.border import Border, padded
 from sextant.layers.cosfire.tolerance import Move
 
@@ -56,7 +56,7 @@ def gabor_kernel(
     return bright / bright.sum() - dark / dark.sum()
 
 
-class GaborBank(Bank):
+class GaborBank(SteerableBank):
     """Half-wave rectified Gabor responses; a channel is (λ in pixels, θ in rad).
 
     Args:
@@ -70,8 +70,6 @@ class GaborBank(Bank):
     Raises:
         ValueError: no wavelength, one that pixels cannot show (2 or less), or no orientation.
     """
-
-    steerable = True
 
     def __init__(
         self,
@@ -118,7 +116,7 @@ class GaborBank(Bank):
         return found
 
     def moved(self, channels: Float[Tensor, "n 2"], move: Move) -> Float[Tensor, "n 2"]:
-        """λ grows with the image, θ turns with it; see :meth:`Bank.moved`.
+        """λ grows with the image, θ turns with it; see :meth:`SteerableBank.moved`.
 
         Raises:
             UserError: the smaller image needs a wavelength that pixels cannot show.
