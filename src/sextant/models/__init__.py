@@ -12,6 +12,7 @@ from sextant.models.place_cnn import LocalContrast, PlaceCNN
 from sextant.models.place_net import PlaceNet
 from sextant.models.published_checkpoint import PublishedCheckpoint, load_published
 from sextant.models.resnet_cifar import ResNetCifar
+from sextant.models.small_vgg import SmallVGG
 from sextant.models.standardize import Standardize
 from sextant.models.strided_cnn import StridedCNN
 from sextant.models.timm_backbone import timm_backbone
@@ -34,6 +35,7 @@ __all__ = [
     "PlaceNet",
     "PublishedCheckpoint",
     "ResNetCifar",
+    "SmallVGG",
     "Standardize",
     "StridedCNN",
     "coordinate_channels",

@@ -3,7 +3,6 @@
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Float32, Int64, UInt8
+from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
@@ -23,10 +22,12 @@ from sextant.evaluation import classification_converged
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.models import FeatureMap
 from sextant.tasks.filter_prototypes import Prototypes, PrototypeSettings, configure
-from sextant.tasks.fine_tuning import FineTuning, LinearLayer, fine_tune, log_maxima
+from sextant.tasks.fine_tuning import LinearLayer, fine_tune, log_maxima
 from sextant.tasks.learnt_later import LearntLater
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, nothing_to_optimize, optimizers
+from sextant.tasks.recognition_comparison import Comparison
 from sextant.tasks.recognition_methods import (
+    MACHINES,
     NEAREST_AMONG,
     OF_EXAMPLES,
     OF_NETWORK,
@@ -37,59 +38,12 @@ from sextant.tasks.recognition_methods import (
     strongest_filter,
     svm_of,
 )
+from sextant.tasks.recognition_result import RecognitionResult
 from sextant.tasks.representations import Progress, feature_maps, filter_maxima
 from sextant.tasks.step_losses import StepLosses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-#: the methods that are a support vector machine
-MACHINES: tuple[Method, ...] = ("cosfire_svm", "full_svm", "pooled_svm")
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What is compared, and how machines are fitted.
-
-    Attributes:
-        methods: see :data:`~sextant.tasks.recognition_methods.METHODS`.
-        prices: of an error, among which tuning images choose; a single one needs none.
-        choose_among: examples of which machines are made while prices are compared.
-        network_answers: the network was trained for the classes that are tested.
-        logarithms: machines see logarithms of the filters' maxima.
-        fine_tuning: of a copy of the filters, for the method ``cosfire_tuned``; without epochs there is none.
-    """
-
-    methods: tuple[Method, ...] = ("cosfire_svm", "strongest_filter", *OF_NETWORK)
-    prices: tuple[float, ...] = (0.001, 0.01, 0.1, 1.0)
-    choose_among: int = 5000
-    logarithms: bool = False
-    network_answers: bool = True
-    fine_tuning: FineTuning = field(default_factory=FineTuning)
-
-
-@dataclass
-class RecognitionResult:
-    """Answers on the test images.
-
-    Attributes:
-        labels: true classes.
-        answers: by method.
-        conditions: which images are of it, by its name; empty where all are of one.
-    """
-
-    labels: Int64[ndarray, "n"]
-    answers: dict[Method, Int64[ndarray, "n"]] = field(default_factory=dict)
-    conditions: dict[str, Bool[ndarray, "n"]] = field(default_factory=dict)
-
-    def accuracy(self) -> dict[Method, float]:
-        """Share of right answers by method."""
-        return {method: float((found == self.labels).mean()) for method, found in self.answers.items()}
-
-    def accuracy_under(self, condition: str) -> dict[Method, float]:
-        """The same for the images of one condition."""
-        rows = self.conditions[condition]
-        return {method: float((found == self.labels)[rows].mean()) for method, found in self.answers.items()}
 
 
 class CosfireRecognition(pl.LightningModule):
@@ -399,10 +353,15 @@ class CosfireRecognition(pl.LightningModule):
         return {"labels": self.result.labels, **answers, **conditions}
 
     def facts(self) -> dict[str, Any]:
-        """How many filters and parts there are, and at which price each machine was fitted."""
+        """How many filters, parts and weights there are, and at which price each machine was fitted.
+
+        Weights are those of the network; of its feature map, a copy, if that is another run's.
+        """
         filters, parts = len(self.filters), len(self.filters.rho)
+        weighing = self.features if self.network is None else self.network
+        weights = 0 if weighing is None else sum(weight.numel() for weight in weighing.parameters())
         prices = {name: float(machine["price"]) for name, machine in self.machines.items()}  # type: ignore[index]
-        found = {"filters": filters, "parts": parts, "prices": prices}
+        found = {"filters": filters, "parts": parts, "parameters": weights, "prices": prices}
         return found if self.tuned_layer is None else found | {"tuning_losses": self.tuned_layer["losses"].tolist()}
 
     def figures(self, data: ExampleData) -> "Iterator[tuple[str, Figure]]":

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from sextant.data.examples import ExampleData
     from sextant.layers.cosfire import Cosfire
-    from sextant.tasks.cosfire import CosfireRecognition, RecognitionResult
+    from sextant.tasks.cosfire import CosfireRecognition
+    from sextant.tasks.recognition_result import RecognitionResult
 
 #: images on a sheet
 SHEET = 40

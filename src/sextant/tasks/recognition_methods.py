@@ -36,6 +36,8 @@ REPRESENTATIONS: dict[Method, Representation] = {
     "descriptor": "descriptor",
     "cosfire_tuned": "tuned",
 }
+#: those that are a support vector machine
+MACHINES: tuple[Method, ...] = ("cosfire_svm", "full_svm", "pooled_svm")
 #: those that compare with examples themselves
 OF_EXAMPLES: tuple[Method, ...] = ("nearest", "descriptor")
 #: those that need a network

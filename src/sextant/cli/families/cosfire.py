@@ -1,6 +1,6 @@
 """Recognition by COSFIRE filters: how its parts are put together."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,20 +8,18 @@ from typing import TYPE_CHECKING, Any
 from sextant.cli.assemble import build, build_dataset, build_training, part_name
 from sextant.cli.descriptors import descriptor_identity
 from sextant.cli.families.classification import image_spec
+from sextant.cli.families.cosfire_checks import check_parts
+from sextant.cli.families.cosfire_parts import describing, features_of_run, make_filters, scenes_of
 from sextant.cli.families.family import Family, Source, TestRecord
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.schema import CosfireTask
-from sextant.config.schema.cosfire import FeatureBank, VectorBank, VectorKeypoints
-from sextant.config.schema.tasks import SceneChoice
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
     from sextant.data.examples import ExampleData
-    from sextant.layers.cosfire import Cosfire
-    from sextant.models import FeatureMap
     from sextant.tasks.cosfire import CosfireRecognition
 
 
@@ -34,7 +32,7 @@ class CosfireFamily(Family):
 
     def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
-        _check_parts(config)
+        check_parts(config, _task(config))
         if raw["corruption"].get("corruptions"):
             raise UserError("corruption: task=cosfire tests images as they are", "corruption=none")
         source, scenes = build_dataset(raw, config), _task(config).scenes
@@ -52,7 +50,7 @@ class CosfireFamily(Family):
                 "task=cosfire needs; of places it needs task.scenes",
                 "Choose digits, mnist, fashion_mnist, cifar10 or image_folder, or experiment=cosfire_places.",
             )
-        return _scenes(source, scenes)
+        return scenes_of(source, scenes)
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files of the training or the test split are missing."""
@@ -110,15 +108,16 @@ class CosfireFamily(Family):
 
     def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
         """The module, with its network or the feature map of another run's."""
-        from sextant.tasks.cosfire import Comparison, CosfireRecognition
+        from sextant.tasks.cosfire import CosfireRecognition
         from sextant.tasks.filter_prototypes import PrototypeSettings
         from sextant.tasks.fine_tuning import FineTuning
+        from sextant.tasks.recognition_comparison import Comparison
 
         images, task = image_spec(spec), raw["task"]
         shape = (images.channels, images.height, images.width)
         network, features = None, None
         if "features" in spec:
-            features = _features_of(raw, spec["features"], shape, training=training)
+            features = features_of_run(raw, spec["features"], shape, training=training)
         elif raw.get("backbone") is not None:
             network = build(
                 raw, "backbone", in_channels=shape[0], image_size=shape[1:], num_classes=len(images.classes)
@@ -140,7 +139,7 @@ class CosfireFamily(Family):
             network=network,
             layer=raw["features"]["layer"],
             features=features,
-            describe=_describing(raw),
+            describe=describing(raw),
             seed=raw["seed"],
             show=partial(work_progress, unit="images"),
             **(build_training(raw, training) if network is not None else {}),
@@ -170,146 +169,6 @@ class CosfireFamily(Family):
         return TestRecord(
             module.arrays(), module.figures(data), table=method_table(module.result), facts=module.facts()
         )
-
-
-def make_filters(raw: Mapping[str, Any], features: "FeatureMap | None") -> "Cosfire":
-    """Filters by the groups ``bank``, ``strategy`` and ``filters``, not configured yet.
-
-    Raises:
-        UserError: the bank looks at a feature map and there is none.
-    """
-    from sextant.layers.cosfire import Blur, Cosfire, Tolerance
-
-    chosen = raw["filters"]
-    kinds = {part.model_fields["target"].annotation.__args__[0] for part in (FeatureBank, VectorBank)}  # type: ignore[union-attr]
-    arguments: dict[str, Any] = {}
-    if raw["bank"]["_target_"] in kinds:
-        if features is None:
-            raise UserError(
-                f"bank={part_name(raw['bank'])} looks at a feature map, and there is no network",
-                "Choose a backbone, or bank=gabor.",
-            )
-        arguments = {"features": features, "size": features.channels}
-    try:
-        return Cosfire(
-            build(raw, "bank", **arguments),
-            build(raw, "strategy"),
-            blur=Blur(chosen["sigma0"], chosen["alpha"], chosen["blur"]),
-            mean=chosen["mean"],
-            least_weight=chosen["least_weight"],
-            tolerance=Tolerance(chosen["rotations"], chosen["span_deg"], tuple(chosen["scales"]), chosen["reflection"]),
-            t1=chosen["t1"],
-            t3=chosen["t3"],
-            floor=chosen["floor"],
-        )
-    except ValueError as error:
-        raise UserError(f"filters: {error}") from None
-
-
-def _features_of(
-    raw: Mapping[str, Any], kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
-) -> "FeatureMap":
-    """The feature map of another run's network; its weights are read when training begins, and then kept with ours."""
-    from sextant.cli.families import family_of
-    from sextant.cli.trained_model import read_trained
-    from sextant.models import FeatureMap
-
-    if kept["task"] not in ("classification", "place_recognition"):
-        raise UserError(
-            f"features.run={raw['features']['run']} is a run of task={kept['task']}, which has no feature map",
-            "Name a run of task=classification or task=place_recognition.",
-        )
-    module = family_of(kept["task"]).module(kept["config"], kept["spec"], training=False)
-    if training:
-        checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"])).checkpoint
-        module.load_state_dict(read_trained(checkpoint)["state_dict"])
-    layer = raw["features"]["layer"]
-    if kept["task"] == "place_recognition":
-        if layer is not None:  # one feature map within another would never see a layer of the inner one
-            known = module.network.backbone
-            network = known.network if isinstance(known, FeatureMap) else known
-            module.network.backbone = FeatureMap(network, shape[0], shape[1:], layer=layer)
-        layer = "backbone"
-    return FeatureMap(module.network.eval(), shape[0], shape[1:], layer=layer)
-
-
-def _scenes(dataset: Any, chosen: SceneChoice) -> ImageSource:
-    """Places of a dataset as classes; rendered with progress if need be."""
-    from sextant.data.places import PlaceTolerance, Scenes, as_place_source, rendered_place_source
-
-    source = as_place_source(dataset)
-    world = rendered_place_source(source)
-    if world is not None:
-        world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
-    return Scenes(
-        source,
-        references=chosen.references,
-        queries=chosen.queries,
-        spacing=chosen.spacing,
-        neighbours=chosen.neighbours,
-        tolerance=PlaceTolerance(source.place_unit, **getattr(chosen.tolerance, source.place_unit).model_dump()),
-    )
-
-
-def _describing(raw: Mapping[str, Any]) -> Callable[[Any], Any] | None:
-    """What gives images the place descriptors that the config names; None if it names none."""
-    if raw.get("descriptor") is None:
-        return None
-    from sextant.cli.descriptors import DescriptorFiles, describer
-
-    found = describer(raw, Path(raw["paths"]["outputs"]))
-    if isinstance(found, DescriptorFiles):
-        raise UserError("descriptor=files knows drives, not images of scenes", "Choose descriptor=run:<id>.")
-    return found.describe
-
-
-def _check_parts(config: Config) -> None:
-    """Raise a ``UserError`` where bank, strategy and network do not go together."""
-    if isinstance(config.bank, VectorBank) != isinstance(config.strategy, VectorKeypoints):
-        raise UserError(
-            "bank=vectors and strategy=vector_keypoints belong together",
-            "Choose both, or another bank with strategy=circles or channel_peaks.",
-        )
-    task = _task(config)
-    trained_before = config.features is not None and config.features.run is not None
-    if task.scenes is not None:
-        _check_scenes(task, trains=config.backbone is not None and not trained_before)
-    if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
-        raise UserError(
-            "no backbone and no features.run: bank looks at the feature map of a network",
-            "Choose a backbone, features=run:<id>, or bank=gabor.",
-        )
-    lacking = {
-        "network": config.backbone is None or trained_before or bool(task.novel_classes),
-        "descriptor": config.descriptor is None,
-        **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), config.backbone is None and not trained_before),
-    }
-    if all(lacking.get(method, False) for method in task.answering()):
-        raise UserError(
-            f"task.methods=[{', '.join(task.methods)}]: this run has none of what these need: a network (of its own "
-            "and of the classes that are tested for method network), or a descriptor",
-            "Add cosfire_svm or strongest_filter.",
-        )
-
-
-def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
-    """Raise a ``UserError`` where something is chosen that places as classes leave no room for."""
-    if trains:
-        raise UserError(
-            "task.scenes: places have too few images each to train a network on",
-            "Name one: features=run:<id>; or bank=gabor strategy=circles '~backbone'.",
-        )
-    if len(task.prices) > 1:
-        raise UserError(
-            f"task.prices={task.prices}: scenes leave no image to choose a price by", "For example task.prices=[1.0]"
-        )
-    for name, chosen in (("images", task.images), ("examples", task.examples), ("novel_classes", task.novel_classes)):
-        if chosen:
-            raise UserError(
-                f"task.{name}={chosen}: scenes have the images that task.scenes.references and neighbours name, and "
-                "are all told by these alone",
-                "Leave it out; fewer scenes: task.scenes.spacing.",
-            )
 
 
 def _task(config: Config) -> CosfireTask:

@@ -91,6 +91,20 @@ class PlaceCNN(Part):
         return self
 
 
+class SmallVGG(Part):
+    """Stages of convolutions."""
+
+    target: Literal["sextant.models.SmallVGG"] = Field(alias="_target_")
+    widths: list[Count] = Field(min_length=1, examples=["[16,32,64]"])
+    depths: list[Count] = Field(min_length=1, examples=["[1,2,2]"])
+
+    @model_validator(mode="after")
+    def _a_depth_a_width(self) -> Self:
+        if len(self.widths) != len(self.depths):
+            raise ValueError(f"backbone.depths={self.depths} must have one entry for each of {self.widths}")
+        return self
+
+
 class CaffeNet(Part):
     """The convolutions of AlexNet as in Caffe."""
 
@@ -121,6 +135,7 @@ Backbone = Annotated[
     | Annotated[StridedCNN, Tag("sextant.models.StridedCNN")]
     | Annotated[OrientedCNN, Tag("sextant.models.OrientedCNN")]
     | Annotated[PlaceCNN, Tag("sextant.models.PlaceCNN")]
+    | Annotated[SmallVGG, Tag("sextant.models.SmallVGG")]
     | Annotated[CaffeNet, Tag("sextant.models.CaffeNet")]
     | Annotated[TorchvisionBackbone, Tag("sextant.models.torchvision_backbone")]
     | Annotated[TimmBackbone, Tag("sextant.models.timm_backbone")]
@@ -133,6 +148,7 @@ Backbone = Annotated[
         StridedCNN,
         OrientedCNN,
         PlaceCNN,
+        SmallVGG,
         CaffeNet,
         TorchvisionBackbone,
         TimmBackbone,

@@ -1,0 +1,27 @@
+"""Which methods of recognition are compared, and how their machines are fitted."""
+
+from dataclasses import dataclass, field
+
+from sextant.tasks.fine_tuning import FineTuning
+from sextant.tasks.recognition_methods import OF_NETWORK, Method
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What is compared, and how machines are fitted.
+
+    Attributes:
+        methods: see :data:`~sextant.tasks.recognition_methods.METHODS`.
+        prices: of an error, among which tuning images choose; a single one needs none.
+        choose_among: examples of which machines are made while prices are compared.
+        network_answers: the network was trained for the classes that are tested.
+        logarithms: machines see logarithms of the filters' maxima.
+        fine_tuning: of a copy of the filters, for the method ``cosfire_tuned``; without epochs there is none.
+    """
+
+    methods: tuple[Method, ...] = ("cosfire_svm", "strongest_filter", *OF_NETWORK)
+    prices: tuple[float, ...] = (0.001, 0.01, 0.1, 1.0)
+    choose_among: int = 5000
+    logarithms: bool = False
+    network_answers: bool = True
+    fine_tuning: FineTuning = field(default_factory=FineTuning)
