@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from sextant.layers.cosfire import Cosfire
 
 #: of the maps of all parts of all filters, that are held at a time
-FLOATS_AT_ONCE = 2**25
+FLOATS_AT_ONCE = 2**22
 Progress = Callable[[int, int], None]
 
 

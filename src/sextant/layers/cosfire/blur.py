@@ -18,6 +18,9 @@ from torch import Tensor
 
 from sextant.layers.cosfire.border import Border, padded
 
+#: pixels that a processor blurs at a time, so that they and what becomes of them stay in its cache
+BLOCK = 2**16
+
 
 @dataclass(frozen=True)
 class Blur:
@@ -59,6 +62,12 @@ class Blur:
 
 def max_blur(maps: Float[Tensor, "*b h w"], sigma: float, reach: int) -> Float[Tensor, "*b h w"]:
     """The strongest of the neighbours within ``reach``, each weighed by exp(-d²/2σ²); maps must not be negative."""
+    whole = maps.reshape(-1, *maps.shape[-2:])
+    block = max(1, BLOCK // maps.shape[-2:].numel()) if maps.device.type == "cpu" else len(whole)
+    return torch.cat([_max_blurred(some, sigma, reach) for some in whole.split(block)]).view(maps.shape)
+
+
+def _max_blurred(maps: Float[Tensor, "n h w"], sigma: float, reach: int) -> Float[Tensor, "n h w"]:
     for dim in (-1, -2):
         size = maps.shape[dim]
         best = maps
