@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from sextant.atomic_files import write_json
-from sextant.cli.compose import compose
+from sextant.cli.compose import compose, to_plain
+from sextant.cli.execute import run_digest
 from sextant.cli.sweep import run_sweep
+from sextant.cli.sweep_plan import make_plan
+from sextant.config import validate
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import find_sweep, read_plan
@@ -88,3 +91,13 @@ def test_an_arm_that_reads_what_there_is_not_is_told_before_anything_runs(tmp_pa
 def test_a_group_that_is_null_is_told():
     with pytest.raises(UserError, match=re.escape("backbone=null: a group cannot be null\nLeave it out: '~backbone'")):
         compose(["task=cosfire", "task.images=20", "backbone=null"])
+
+
+def test_a_value_may_follow_the_seed(tmp_path):
+    arms = {"few": "{overrides: ['task.filters_per_class=3']}", "many": "{overrides: ['task.filters_per_class=4']}"}
+    plan, planned, _ = make_plan([*arguments(tmp_path, **arms), "task.split_seed=${seed}"])
+    assert len({cell.digest for cell in plan.cells}) == 4
+    for entry in planned:
+        config = validate(to_plain(compose(entry.overrides)))
+        assert config.task.split_seed == config.seed
+        assert run_digest(config) == entry.cell.digest

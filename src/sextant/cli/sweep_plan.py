@@ -84,8 +84,12 @@ def _over_seeds(
     design: Design, setting: dict[str, str], arm: str, overrides: list[str], raw: Mapping[str, Any], config: Config
 ) -> list[Planned]:
     source, outputs, planned = family_of(config.task.name).source(raw, config), Path(config.paths.outputs), []
-    for pair, seed in enumerate(design.seeds):
-        key = run_key(config, source, seed + design.arms[arm][1])
+    follows_seed = any("${seed}" in override for override in overrides)
+    for pair, number in enumerate(design.seeds):
+        seed = number + design.arms[arm][1]
+        if follows_seed:
+            config = validate(to_plain(compose([*overrides, f"seed={seed}"])))
+        key = run_key(config, source, seed)
         found = claim(outputs, key, config.reuse)
         run = found.directory.path.relative_to(outputs).as_posix()
         cell = Cell(setting, arm, pair, key.seed, key.digest, run)
