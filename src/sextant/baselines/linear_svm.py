@@ -6,6 +6,9 @@ import numpy as np
 from jaxtyping import Float, Int64
 from numpy import ndarray
 
+#: features, from which on a machine is fitted in the dual
+MANY = 1000
+
 
 @dataclass(frozen=True)
 class LinearSVM:
@@ -42,7 +45,9 @@ class LinearSVM:
         scaled = (features - mean) / deviation
         # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
         basis = np.linalg.qr(scaled.T)[0] if len(features) < features.shape[1] else None
-        machine = LinearSVC(C=c, dual="auto", random_state=seed, max_iter=5000)
+        # of many numbers the dual problem is several times quicker, even of more images than numbers
+        dual = True if scaled.shape[1] > MANY else "auto"
+        machine = LinearSVC(C=c, dual=dual, random_state=seed, max_iter=5000)
         machine.fit(scaled if basis is None else scaled @ basis, labels)
         found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
         offsets = machine.intercept_ - found @ mean
