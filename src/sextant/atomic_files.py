@@ -1,9 +1,11 @@
 """Files that are either wholly there or not at all."""
 
+import csv
+import io
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -31,6 +33,16 @@ def write_json(path: Path, value: Any) -> None:
     """Write ``value`` as indented JSON, atomically; nan and infinities are written as null."""
     text = json.dumps(_finite(value), indent=2, allow_nan=False) + "\n"
     write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write a table with a head, atomically; what a row lacks is left empty, truth is written as true or false."""
+    table = io.StringIO()
+    writer = csv.DictWriter(table, columns, extrasaction="ignore", restval="")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({key: str(value).lower() if isinstance(value, bool) else value for key, value in row.items()})
+    write_atomically(path, lambda file: file.write(table.getvalue().encode()))
 
 
 def read_json(path: Path) -> Any | None:

@@ -3,9 +3,6 @@
 What is heavy is imported where it is used, so that mistakes in a command are told at once.
 """
 
-import csv
-import io
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sextant.atomic_files import write_atomically
+from sextant.atomic_files import write_csv, write_json
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
 from sextant.cli.cosfire_detection.inputs import read_inputs as read_detection_inputs
@@ -305,13 +302,9 @@ def _batches(paths: list[Path]) -> Iterator[list[Path]]:
 
 
 def _write(rows: list[dict[str, Any]], output: Path) -> None:
-    write_atomically(output / "predictions.json", lambda file: file.write((json.dumps(rows, indent=2) + "\n").encode()))
-    table = io.StringIO()
+    write_json(output / "predictions.json", rows)
     number = "score" if any("score" in row for row in rows) else "probability"
-    writer = csv.DictWriter(table, ["file", "class", number, "error"], extrasaction="ignore", restval="")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_atomically(output / "predictions.csv", lambda file: file.write(table.getvalue().encode()))
+    write_csv(output / "predictions.csv", ["file", "class", number, "error"], rows)
 
 
 def _sheet(pictures: list[tuple[np.ndarray, str]], output: Path) -> None:

@@ -1,12 +1,10 @@
 """The files of all images together: a table of detections, and everything."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sextant.atomic_files import write_atomically, write_json
+from sextant.atomic_files import write_csv, write_json
 from sextant.cli.output_folder import telling_write_errors
 
 COLUMNS = ("file", "x", "y", "score")
@@ -26,17 +24,9 @@ def write_detections(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any]
     """
     with telling_write_errors(output):
         write_json(output / "detections.json", {**facts, "images": list(rows)})
-        write_atomically(output / "detections.csv", lambda file: file.write(_table(rows).encode()))
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    lines = list(_lines(rows))
-    moves = MOVE_COLUMNS if any("scale" in line for line in lines) else ()
-    table = io.StringIO()
-    writer = csv.DictWriter(table, [*COLUMNS, *moves, "error"], restval="")
-    writer.writeheader()
-    writer.writerows(lines)
-    return table.getvalue()
+        lines = list(_lines(rows))
+        moves = MOVE_COLUMNS if any("scale" in line for line in lines) else ()
+        write_csv(output / "detections.csv", [*COLUMNS, *moves, "error"], lines)
 
 
 def _lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -44,5 +34,4 @@ def _lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
         if "error" in row:
             yield {"file": row["file"], "error": row["error"]}
         for found in row.get("detections", ()):
-            plain = {key: str(value).lower() if isinstance(value, bool) else value for key, value in found.items()}
-            yield {"file": row["file"], **plain}
+            yield {"file": row["file"], **found}

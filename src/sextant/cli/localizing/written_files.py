@@ -1,7 +1,5 @@
 """What localizing writes: a trajectory, a table, a picture and an animation."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.atomic_files import write_atomically
+from sextant.atomic_files import write_csv
 from sextant.data.localization.pose_formats import write_tum
 from sextant.figures.particle_map import ESTIMATE, ParticleFrame, draw_map, map_height
 from sextant.figures.particle_replay import particle_replay
@@ -73,17 +71,14 @@ class Replay:
 
 def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Path) -> None:
     """``poses.csv`` and ``trajectory.tum``, a row an image."""
-    table = io.StringIO()
-    writer = csv.DictWriter(table, COLUMNS)
-    writer.writeheader()
+    lines = []
     for row in rows:
         told, (sx, sy, sh) = row.told, row.told.sigmas.tolist()
         x, y, heading = told.pose.tolist()
         values = (x, y, np.degrees(heading), sx, sy, np.degrees(sh), told.mass)
         named = dict(zip(COLUMNS[1:8], (f"{value:.6f}" for value in values), strict=True))
-        lost = str(told.lost).lower()
-        writer.writerow({"file": row.name, **named, "modes": told.modes, "lost": lost, "error": row.problem})
-    write_atomically(output / "poses.csv", lambda file: file.write(table.getvalue().encode()))
+        lines.append({"file": row.name, **named, "modes": told.modes, "lost": told.lost, "error": row.problem})
+    write_csv(output / "poses.csv", COLUMNS, lines)
     write_tum(output / "trajectory.tum", times_s, np.stack([row.told.pose for row in rows]))
 
 

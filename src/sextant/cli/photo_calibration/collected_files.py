@@ -1,13 +1,11 @@
 """The files of all photos together: a table, everything, and a contact sheet."""
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sextant.atomic_files import write_atomically, write_json
+from sextant.atomic_files import write_csv, write_json
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.finding import LEVELS
 from sextant.figures.calibration_overlay import CalibratedPhoto, calibration_sheet
@@ -39,22 +37,17 @@ def write_collected(
     """
     with telling_write_errors(output):
         write_json(output / "calibrations.json", {"photos": list(rows), "camera": summary})
-        write_atomically(output / "calibrations.csv", lambda file: file.write(_table(rows).encode()))
+        names = [f"{q}_{level}_{end}" for q, level in BOUNDED for end in ("low", "high")]
+        write_csv(output / "calibrations.csv", [*COLUMNS, *names], map(_flat, rows))
         if sheet:
             save_figure(calibration_sheet(sheet), output, "calibrations")
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    table = io.StringIO()
-    names = [f"{q}_{level}_{end}" for q, level in BOUNDED for end in ("low", "high")]
-    writer = csv.DictWriter(table, [*COLUMNS, *names], extrasaction="ignore", restval="")
-    writer.writeheader()
-    for row in rows:
-        flat = dict(row)
-        if "intervals" in row:
-            flat["verdict"] = row["confidence"]["verdict"]
-            for quantity, level in BOUNDED:
-                for end, value in zip(("low", "high"), row["intervals"][level][quantity], strict=True):
-                    flat[f"{quantity}_{level}_{end}"] = value if math.isfinite(value) else ""
-        writer.writerow(flat)
-    return table.getvalue()
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    flat = dict(row)
+    if "intervals" in row:
+        flat["verdict"] = row["confidence"]["verdict"]
+        for quantity, level in BOUNDED:
+            for end, value in zip(("low", "high"), row["intervals"][level][quantity], strict=True):
+                flat[f"{quantity}_{level}_{end}"] = value if math.isfinite(value) else ""
+    return flat

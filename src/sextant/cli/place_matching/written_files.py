@@ -1,12 +1,10 @@
 """The files of all queries together: a table, and everything."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sextant.atomic_files import write_atomically, write_json
+from sextant.atomic_files import write_csv, write_json
 from sextant.cli.output_folder import telling_write_errors
 
 COLUMNS = ("query", "rank", "match", "similarity", "confidence", "margin", "right")
@@ -21,18 +19,9 @@ def write_matches(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any], o
     """
     with telling_write_errors(output):
         write_json(output / "matches.json", {**facts, "results": list(rows)})
-        write_atomically(output / "matches.csv", lambda file: file.write(_table(rows).encode()))
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    sequences = any("sequence_matches" in row for row in rows)
-    table = io.StringIO()
-    columns = [*COLUMNS, *(SEQUENCE_COLUMNS if sequences else ()), "error"]
-    writer = csv.DictWriter(table, columns, restval="")
-    writer.writeheader()
-    for row in rows:
-        writer.writerows(_flat(row))
-    return table.getvalue()
+        sequences = any("sequence_matches" in row for row in rows)
+        columns = [*COLUMNS, *(SEQUENCE_COLUMNS if sequences else ()), "error"]
+        write_csv(output / "matches.csv", columns, (flat for row in rows for flat in _flat(row)))
 
 
 def _flat(row: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -46,4 +35,4 @@ def _flat(row: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         flat |= {f"sequence_{key}": value for key, value in sequence.items() if key != "rank"}
         if single["rank"] == 1 and row["margin"] is not None:
             flat["margin"] = row["margin"]
-        yield {key: str(value).lower() if isinstance(value, bool) else value for key, value in flat.items()}
+        yield flat
