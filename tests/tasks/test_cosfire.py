@@ -363,7 +363,7 @@ def test_a_run_of_a_task_without_a_feature_map(usual, outputs):
     ("overrides", "says"),
     [
         (["dataset=digits", "task.prices=[1.0]"], "dataset=digits has classes, not places"),
-        (["task.prices=[0.1,1.0]"], "scenes leave no image to choose a price by"),
+        (["task.prices=[0.1,1.0]"], "scenes leave no image to choose one by"),
         (["backbone=lenet_a", "bank=channels"], "too few images each to train a network on"),
         (["bank=channels"], "no backbone and no features.run"),
         (["task.novel_classes=2"], "task.novel_classes=2: scenes have the images"),

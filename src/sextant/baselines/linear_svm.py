@@ -1,13 +1,16 @@
 """A linear support vector machine over feature vectors, one class against the rest."""
 
 from dataclasses import dataclass
+from itertools import product
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int64
 from numpy import ndarray
 
-#: features, from which on a machine is fitted in the dual
-MANY = 1000
+Scaling = Literal["all", "each"]
+#: features, from which on a machine is fitted in the dual, and how well: LIBLINEAR's own tolerance
+MANY, TOLERANCE = 1000, 0.1
 
 
 @dataclass(frozen=True)
@@ -16,20 +19,36 @@ class LinearSVM:
 
     Attributes:
         c: the price of an error that it was fitted with.
+        scaling: of the features.
     """
 
     weights: Float[ndarray, "k d"]
     bias: Float[ndarray, "k"]
     c: float
+    scaling: Scaling = "all"
 
     @classmethod
     def fit(
-        cls, features: Float[ndarray, "n d"], labels: Int64[ndarray, "n"], count: int, c: float = 1.0, seed: int = 0
+        cls,
+        features: Float[ndarray, "n d"],
+        labels: Int64[ndarray, "n"],
+        count: int,
+        c: float = 1.0,
+        seed: int = 0,
+        scaling: Scaling = "all",
     ) -> "LinearSVM":
         """Fit to ``labels`` in [0, count); classes of which there is no image never win.
 
         Features are brought to mean 0 and deviation 1 first, and the weights take that in: errors then cost the same
         whatever the features' unit.
+
+        Args:
+            features, labels: of images.
+            count: of classes.
+            c: price of an error.
+            seed: of the order in which images are gone through.
+            scaling: ``all`` features are divided by one deviation, so that what hardly ever differs stays small; or
+                ``each`` by its own, for features of several units.
 
         Raises:
             ValueError: all images are of one class.
@@ -41,13 +60,17 @@ class LinearSVM:
             raise ValueError("a machine needs images of two classes at least")
         mean, deviation = features.mean(0), features.std(0)
         # what differs by rounding alone would be blown up by its own deviation
-        deviation = np.where(deviation > 1e-6 * np.abs(features).max(0), deviation, np.inf)
+        differs = deviation > 1e-6 * np.abs(features).max(0)
+        if scaling == "all":
+            deviation = np.full_like(deviation, np.sqrt(np.square(deviation[differs]).mean()) if differs.any() else 1.0)
+        deviation = np.where(differs, deviation, np.inf)
         scaled = (features - mean) / deviation
         # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
         basis = np.linalg.qr(scaled.T)[0] if len(features) < features.shape[1] else None
         # of many numbers the dual problem is several times quicker, even of more images than numbers
-        dual = True if scaled.shape[1] > MANY else "auto"
-        machine = LinearSVC(C=c, dual=dual, random_state=seed, max_iter=5000)
+        many = basis is None and scaled.shape[1] > MANY
+        options = {"dual": True, "tol": TOLERANCE} if many else {"dual": "auto"}
+        machine = LinearSVC(C=c, random_state=seed, max_iter=5000, **options)
         machine.fit(scaled if basis is None else scaled @ basis, labels)
         found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
         offsets = machine.intercept_ - found @ mean
@@ -56,7 +79,7 @@ class LinearSVM:
         weights = np.zeros((count, features.shape[1]))
         bias = np.full(count, -np.inf)
         weights[present], bias[present] = found, offsets
-        return cls(weights, bias, c)
+        return cls(weights, bias, c, scaling)
 
     @classmethod
     def choose(
@@ -66,9 +89,10 @@ class LinearSVM:
         count: int,
         prices: tuple[float, ...],
         seed: int = 0,
+        scalings: tuple[Scaling, ...] = ("all",),
     ) -> "LinearSVM":
-        """The machine of the price with most right answers on the validation images; of equals the lowest price."""
-        machines = [cls.fit(*train, count, c, seed) for c in sorted(prices)]
+        """The machine with most right answers on the validation images; of equals the first scaling, lowest price."""
+        machines = [cls.fit(*train, count, c, seed, scaling) for scaling, c in product(scalings, sorted(prices))]
         if len(machines) == 1:
             return machines[0]
         features, labels = validation

@@ -102,7 +102,7 @@ class CosfireRecognition(pl.LightningModule):
         self.known = LearntLater("images", "labels")
         self.tuned_layer = LearntLater("weights", "bias", "losses") if self.tuned is not None else None
         self.machines = nn.ModuleDict(
-            {name: LearntLater("weights", "bias", "price") for name in MACHINES if name in self.methods}
+            {name: LearntLater("weights", "bias", "price", "each") for name in MACHINES if name in self.methods}
         )
         self.result: RecognitionResult | None = None
         self._validation: list[Tensor] = []
@@ -183,13 +183,16 @@ class CosfireRecognition(pl.LightningModule):
                 weights=torch.from_numpy(fitted.weights),
                 bias=torch.from_numpy(fitted.bias),
                 price=torch.tensor([fitted.c], dtype=torch.float64),
+                each=torch.tensor([fitted.scaling == "each"]),
             )
         if self.tuned is not None:
             self._fine_tune(examples, tuning, of_examples["maxima"], of_tuning)
 
     def _machine(self, examples: tuple[Tensor, Tensor], tuning: tuple[Tensor, Tensor]) -> LinearSVM:
         chosen = self.comparison
-        return svm_of(examples, tuning, len(self.classes), chosen.prices, chosen.choose_among, self.seed)
+        return svm_of(
+            examples, tuning, len(self.classes), chosen.prices, chosen.scalings, chosen.choose_among, self.seed
+        )
 
     def _fine_tune(
         self, examples: ImageBatches, tuning: ImageBatches, maxima: Tensor, of_tuning: dict[str, Tensor]
@@ -353,7 +356,7 @@ class CosfireRecognition(pl.LightningModule):
         return {"labels": self.result.labels, **answers, **conditions}
 
     def facts(self) -> dict[str, Any]:
-        """How many filters, parts and weights there are, and at which price each machine was fitted.
+        """How many filters, parts and weights there are, and how each machine was fitted.
 
         Weights are those of the network; of its feature map, a copy, if that is another run's.
         """
@@ -361,7 +364,8 @@ class CosfireRecognition(pl.LightningModule):
         weighing = self.features if self.network is None else self.network
         weights = 0 if weighing is None else sum(weight.numel() for weight in weighing.parameters())
         prices = {name: float(machine["price"]) for name, machine in self.machines.items()}  # type: ignore[index]
-        found = {"filters": filters, "parts": parts, "parameters": weights, "prices": prices}
+        scalings = {name: "each" if bool(machine["each"]) else "all" for name, machine in self.machines.items()}  # type: ignore[index]
+        found = {"filters": filters, "parts": parts, "parameters": weights, "prices": prices, "scalings": scalings}
         return found if self.tuned_layer is None else found | {"tuning_losses": self.tuned_layer["losses"].tolist()}
 
     def figures(self, data: ExampleData) -> "Iterator[tuple[str, Figure]]":

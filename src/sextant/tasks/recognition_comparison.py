@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from sextant.baselines.linear_svm import Scaling
 from sextant.tasks.fine_tuning import FineTuning
 from sextant.tasks.recognition_methods import OF_NETWORK, Method
 
@@ -13,6 +14,7 @@ class Comparison:
     Attributes:
         methods: see :data:`~sextant.tasks.recognition_methods.METHODS`.
         prices: of an error, among which tuning images choose; a single one needs none.
+        scalings: of what machines see, among which they choose too.
         choose_among: examples of which machines are made while prices are compared.
         network_answers: the network was trained for the classes that are tested.
         logarithms: machines see logarithms of the filters' maxima.
@@ -21,6 +23,7 @@ class Comparison:
 
     methods: tuple[Method, ...] = ("cosfire_svm", "strongest_filter", *OF_NETWORK)
     prices: tuple[float, ...] = (0.001, 0.01, 0.1, 1.0)
+    scalings: tuple[Scaling, ...] = ("all", "each")
     choose_among: int = 5000
     logarithms: bool = False
     network_answers: bool = True

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from sextant.baselines.linear_svm import LinearSVM
+from sextant.baselines.linear_svm import LinearSVM, Scaling
 
 Method = Literal[
     "cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor", "cosfire_tuned"
@@ -19,9 +19,9 @@ METHODS: dict[Method, str] = {
     "strongest_filter": "class of the filter that answers most, against its own prototype",
     "full_svm": "whole feature map, linear SVM (the paper's baseline)",
     "pooled_svm": "feature map averaged over places, linear SVM",
-    "nearest": "nearest example by the cosine of whole feature maps",
+    "nearest": "nearest example (of 10,000 at most) by the cosine of whole feature maps",
     "network": "the network itself",
-    "descriptor": "nearest example by the cosine of place descriptors",
+    "descriptor": "nearest example (of 10,000 at most) by the cosine of place descriptors",
     "cosfire_tuned": "log-maxima of COSFIRE filters, linear layer, both trained on from the SVM",
 }
 #: what a method sees of an image
@@ -51,17 +51,18 @@ def svm_of(
     tuning: tuple[Float[Tensor, "m d"], Int64[Tensor, "m"]],
     count: int,
     prices: tuple[float, ...],
+    scalings: tuple[Scaling, ...],
     choose_among: int,
     seed: int,
 ) -> LinearSVM:
-    """A machine for the examples, its price chosen by the tuning images with at most ``choose_among`` examples."""
+    """A machine for the examples; tuning images choose price and scaling with at most ``choose_among`` examples."""
     features, labels = (
         values.double().numpy() if values.is_floating_point() else values.numpy() for values in examples
     )
     held = tuple(values.double().numpy() if values.is_floating_point() else values.numpy() for values in tuning)
     rows = np.random.default_rng(seed).permutation(len(labels))[:choose_among]
-    few = LinearSVM.choose((features[rows], labels[rows]), held, count, prices, seed)  # type: ignore[arg-type]
-    return few if len(rows) == len(labels) else LinearSVM.fit(features, labels, count, few.c, seed)
+    few = LinearSVM.choose((features[rows], labels[rows]), held, count, prices, seed, scalings)  # type: ignore[arg-type]
+    return few if len(rows) == len(labels) else LinearSVM.fit(features, labels, count, few.c, seed, few.scaling)
 
 
 def strongest_filter(

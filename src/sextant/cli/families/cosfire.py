@@ -131,6 +131,7 @@ class CosfireFamily(Family):
             Comparison(
                 tuple(task["methods"]),
                 tuple(task["prices"]),
+                tuple(task["scalings"]),
                 logarithms=task["logarithms"],
                 network_answers=not task["novel_classes"],
                 fine_tuning=FineTuning(**task["fine_tune"]),

@@ -41,9 +41,15 @@ def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
             "task.scenes: places have too few images each to train a network on",
             "Name one: features=run:<id>; or bank=gabor strategy=circles '~backbone'.",
         )
-    if len(task.prices) > 1:
+    for name, values, example in (("prices", task.prices, "[1.0]"), ("scalings", task.scalings, "[all]")):
+        if len(values) > 1:
+            raise UserError(
+                f"task.{name}={values}: scenes leave no image to choose one by", f"For example task.{name}={example}"
+            )
+    if task.test_every > 1:
         raise UserError(
-            f"task.prices={task.prices}: scenes leave no image to choose a price by", "For example task.prices=[1.0]"
+            f"task.test_every={task.test_every}: of scenes it would test some conditions alone",
+            "Set task.test_every=1; fewer scenes: task.scenes.spacing.",
         )
     for name, chosen in (("images", task.images), ("examples", task.examples), ("novel_classes", task.novel_classes)):
         if chosen:

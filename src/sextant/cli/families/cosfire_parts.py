@@ -65,6 +65,12 @@ def features_of_run(
             f"features.run={raw['features']['run']} is a run of task={kept['task']}, which has no feature map",
             "Name a run of task=classification or task=place_recognition.",
         )
+    if kept["task"] == "classification" and raw["task"]["novel_classes"]:
+        raise UserError(
+            f"task.novel_classes={raw['task']['novel_classes']}: the network of features.run={raw['features']['run']} "
+            "was trained on classes of its own, and none is known to be new to it",
+            "Train the network here (a backbone in place of features=run), or task.novel_classes=0.",
+        )
     module = family_of(kept["task"]).module(kept["config"], kept["spec"], training=False)
     if training:
         checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"])).checkpoint

@@ -144,6 +144,7 @@ class CosfireTask(Node):
         examples=["[cosfire_svm,full_svm]"]
     )
     prices: Annotated[list[Positive], Field(min_length=1), AfterValidator(distinct)] = Field(examples=["[0.01,0.1,1]"])
+    scalings: Annotated[list[Literal["all", "each"]], Field(min_length=1, examples=["[all]"]), AfterValidator(once)]
     logarithms: bool
     fine_tune: FineTune
     scenes: SceneChoice | None

@@ -17,7 +17,7 @@ class MapKeypoints(Strategy):
         window: a keypoint is the largest of a square of 2 window + 1 pixels of its map; 0: anything strong enough.
         reach: parts lie within this many pixels of the point.
         strength: keypoints have this share of the example's strongest at least.
-        apart: parts are at least so many pixels apart.
+        apart: places of parts are at least so many pixels apart; at one place there may be several.
         most: parts, the strongest.
 
     Raises:

@@ -45,10 +45,11 @@ def near(maps: Float[Tensor, "k y x"], point: tuple[int, int], reach: float) -> 
 def keep_apart(
     strength: Float[Tensor, "n"], y: Int64[Tensor, "n"], x: Int64[Tensor, "n"], apart: float, most: int
 ) -> list[int]:
-    """Indices of the strongest, each at least ``apart`` from those before it; ``most`` at the most."""
+    """Indices of the strongest, ``most`` at the most, whose places are the same or at least ``apart`` apart."""
     kept: list[int] = []
     for index in torch.argsort(strength, descending=True, stable=True).tolist():
-        if all(float((y[index] - y[k]) ** 2 + (x[index] - x[k]) ** 2) >= apart**2 for k in kept):
+        squared = [int((y[index] - y[k]) ** 2 + (x[index] - x[k]) ** 2) for k in kept]
+        if all(distance == 0 or distance >= apart**2 for distance in squared):
             kept.append(index)
         if len(kept) == most:
             break
