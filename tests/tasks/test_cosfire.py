@@ -284,7 +284,7 @@ def test_places_are_told_by_one_picture_each_without_any_network(street, outputs
     told = accuracy(found)
     assert {name for name in told if "/" not in name} == {"strongest_filter", "cosfire_svm"}
     bank = GaborBank((8**0.5,), 16, phase_deg=90.0, border="replicate")
-    filters = Cosfire(bank, ConcentricCircles(), blur=Blur(0.83, 0.1), t1=0.05, floor=0.01)
+    filters = Cosfire(bank, ConcentricCircles(), blur=Blur(0.83, 0.05), t1=0.05, floor=0.1, least_weight=1.0)
     seen = {light: [grey(street / light / f"{place:02d}.png") for place in (0, 4, 8)] for light in ("summer", "winter")}
     for image in seen["summer"]:
         filters.configure(image, (23.5, 15.5))
