@@ -66,7 +66,7 @@ def configure(
         members = (labels == label).nonzero()[:, 0]
         order = members[torch.randperm(len(members), generator=generator)]
         chosen += [
-            (label, *_configured(filters, images, order, turn, settings, generator))
+            (label, *_configured(filters, images, label, order, turn, settings, generator))
             for turn in range(settings.per_class)
         ]
     number, image, x, y = (torch.tensor(column) for column in zip(*chosen, strict=True))
@@ -84,6 +84,7 @@ def own_responses(filters: Cosfire, images: UInt8[Tensor, "f c h w"]) -> Float[T
 def _configured(
     filters: Cosfire,
     images: Tensor,
+    label: int,
     order: Tensor,
     turn: int,
     settings: PrototypeSettings,
@@ -92,7 +93,8 @@ def _configured(
     """Add a filter; returns its example and point."""
     height, width = images.shape[-2:]
     refused = ""
-    for attempt in range(TRIES):
+    tries = min(TRIES, len(order)) if settings.at == "centre" else TRIES
+    for attempt in range(tries):
         # a place in the same example first, and another example from half of the tries on
         row = int(order[(turn + (attempt if settings.at == "centre" or attempt >= TRIES // 2 else 0)) % len(order)])
         point = ((width - 1) / 2, (height - 1) / 2)
@@ -109,7 +111,7 @@ def _configured(
             return row, *point
         filters.drop_last()
     raise UserError(
-        f"no filter of at least task.least_parts={settings.least_parts} parts could be configured in {TRIES} tries"
-        f"{refused}",
+        f"no filter of at least task.least_parts={settings.least_parts} parts could be configured for "
+        f"class {label} (counted from 0) in {tries} tries{refused}",
         "Lower task.least_parts, strategy.t2 or filters.t1, or choose smaller strategy.radii.",
     )

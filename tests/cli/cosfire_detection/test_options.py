@@ -11,8 +11,8 @@ from sextant.errors import UserError
 from sextant.layers.cosfire import PRESETS
 
 
-def test_every_preset_can_be_named():
-    assert (PHOTO, *PRESETS) == PRESET_NAMES
+def test_every_preset_that_detects_can_be_named():
+    assert (PHOTO, *(name for name in PRESETS if not name.startswith("vessel"))) == PRESET_NAMES
 
 
 def test_values_are_read():

@@ -149,7 +149,7 @@ def test_digits_of_a_few_pixels_are_images_too(tmp_path):
     assert row["detections"][0]["score"] == 1
 
 
-@pytest.mark.parametrize("preset", ["bifurcation", "symbol", "traffic_sign", "vessel_drive", "vessel_end_hrf"])
+@pytest.mark.parametrize("preset", ["bifurcation", "symbol", "traffic_sign"])
 def test_presets_answer_to_their_own_example(tmp_path, preset):
     example = drawn(tmp_path / "example.png", (140, 120), glyphs=((70, 60),))
     told = detect(example, example, tmp_path / "out", preset=preset, point="70,64", rotations=2, scales="1")

@@ -57,6 +57,7 @@ def _tolerant(filters: Cosfire, options: DetectionOptions) -> Cosfire:
     filters.tolerance = replace(
         own,
         rotations=own.rotations if options.rotations is None else options.rotations,
+        span_deg=own.span_deg if options.rotations is None else 360.0,
         scales=scales,
         reflection=own.reflection if options.reflection is None else options.reflection,
     )

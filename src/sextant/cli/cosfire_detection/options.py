@@ -6,19 +6,9 @@ from dataclasses import dataclass
 
 from sextant.errors import UserError
 
-#: of ours for photos, then those of :data:`sextant.layers.cosfire.PRESETS`
+#: of ours for photos, then those of :data:`sextant.layers.cosfire.PRESETS` that detect (those of vessels delineate)
 PHOTO = "photo"
-PRESET_NAMES = (
-    PHOTO,
-    "bifurcation",
-    "symbol",
-    "digit",
-    "traffic_sign",
-    "vessel_drive",
-    "vessel_end_drive",
-    "vessel_hrf",
-    "vessel_end_hrf",
-)
+PRESET_NAMES = (PHOTO, "bifurcation", "symbol", "digit", "traffic_sign")
 KEYS = {
     "prototype": "the image that a filter is configured from",
     "point": "x,y in pixels of the upright prototype: what is there is looked for; its middle unless given",

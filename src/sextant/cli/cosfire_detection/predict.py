@@ -113,7 +113,7 @@ def _row(
     with telling_write_errors(inputs.output):
         drawn = cosfire_responses(image.picture, response, points, strongest=1.0, title=path.name)
         save_figure(drawn, inputs.output, f"{stem}_overlay")
-    if not response.any() and min(response.shape) <= 2 * detector.radius:
+    if not found and min(response.shape) <= 2 * detector.radius:
         row["remark"] = SMALLER
     return row | {
         "width": image.width,
@@ -150,7 +150,7 @@ def _remarks(
     if "run" not in facts:
         told[0] += "; it falls with contrast"  # responses of kernels are proportional to it, cosines are not
     if small := sum(row.get("remark") == SMALLER for row in rows):
-        told.append(f"{small:,} images are smaller than the filter, and nothing can be found in them")
+        told.append(f"{small:,} images are smaller than the filter, and nothing was found in them")
     other = sum(max(scale / prototype.scale, prototype.scale / scale) > OTHER_SIZE for scale in shrunk)
     if other:
         told.append(

@@ -44,6 +44,8 @@ def make_filters(raw: Mapping[str, Any], features: "FeatureMap | None") -> "Cosf
             mean=chosen["mean"],
             least_weight=chosen["least_weight"],
             tolerance=Tolerance(chosen["rotations"], chosen["span_deg"], tuple(chosen["scales"]), chosen["reflection"]),
+            shift=chosen["shift"],
+            border=chosen["border"],
             t1=chosen["t1"],
             t3=chosen["t3"],
             floor=chosen["floor"],

@@ -117,6 +117,8 @@ class Filters(Node):
     span_deg: Positive = Field(examples=[360.0])
     scales: Annotated[list[Positive], Field(min_length=1, examples=["[1.0]"])]
     reflection: bool
+    shift: Literal["whole", "bilinear"]
+    border: Border
     t1: UnitShare = Field(examples=[0.05])
     t3: UnitShare = Field(examples=[0.0])
     floor: NonNegative = Field(examples=[0.01])

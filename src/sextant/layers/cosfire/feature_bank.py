@@ -85,6 +85,8 @@ def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
     """
     try:
         maps: Tensor = features(images)
+    except torch.cuda.OutOfMemoryError:
+        raise
     except RuntimeError as error:
         raise UserError(
             f"the network of the COSFIRE bank cannot take images (b, c, h, w) of {tuple(images.shape)}: "

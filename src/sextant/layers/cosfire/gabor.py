@@ -68,7 +68,7 @@ class GaborBank(SteerableBank):
         border: how images go on beyond their border.
 
     Raises:
-        ValueError: no wavelength, one that pixels cannot show (2 or less), or no orientation.
+        ValueError: no wavelength, one that pixels cannot show (2 or less), no orientation, or a shape that is none.
     """
 
     def __init__(
@@ -87,6 +87,8 @@ class GaborBank(SteerableBank):
                 f"Gabor filters need wavelengths above 2 pixels and an orientation; got {wavelengths} "
                 f"and {orientations}"
             )
+        if bandwidth <= 0 or aspect <= 0:
+            raise ValueError(f"bandwidth and aspect of Gabor filters must be positive, got {bandwidth} and {aspect}")
         self.wavelengths = tuple(float(length) for length in wavelengths)
         self.orientations, self.phase_deg = orientations, phase_deg
         self.symmetric = phase_deg % 180 == 0
