@@ -83,7 +83,9 @@ def test_places_that_give_too_few_parts_are_passed_over_and_leave_nothing_behind
 
 
 def test_no_filter_of_so_many_parts_is_told(images):
-    with pytest.raises(UserError, match=r"task\.least_parts=10000 parts could be configured in 20 tries") as told:
+    with pytest.raises(
+        UserError, match=r"least_parts=10000 parts could be configured for class \d.* in 20 tries"
+    ) as told:
         made(images, least_parts=10_000)
     assert "Lower task.least_parts" in told.value.fix
 

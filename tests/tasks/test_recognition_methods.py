@@ -59,13 +59,14 @@ def test_the_price_is_chosen_with_few_examples_and_the_machine_made_of_all():
     labels = torch.arange(120) % 3
     features = torch.randn(3, 6, generator=generator)[labels] + torch.randn(120, 6, generator=generator)
     examples, tuning = (features[:90], labels[:90]), (features[90:], labels[90:])
-    found = svm_of(examples, tuning, 3, (0.01, 1.0), 30, 0)
-    whole = LinearSVM.fit(examples[0].double().numpy(), examples[1].numpy(), 3, found.c)
+    found = svm_of(examples, tuning, 3, (0.01, 1.0), ("all", "each"), 30, 0)
+    whole = LinearSVM.fit(examples[0].double().numpy(), examples[1].numpy(), 3, found.c, scaling=found.scaling)
     np.testing.assert_array_equal(found.weights, whole.weights)
     rows = np.random.default_rng(0).permutation(90)[:30]
     few = tuple(values.numpy()[rows] for values in (examples[0].double(), examples[1]))
     held = (tuning[0].double().numpy(), tuning[1].numpy())
-    assert found.c == LinearSVM.choose(few, held, 3, (0.01, 1.0)).c
-    every = svm_of(examples, tuning, 3, (0.01, 1.0), 90, 0)
+    chosen = LinearSVM.choose(few, held, 3, (0.01, 1.0), scalings=("all", "each"))
+    assert (found.c, found.scaling) == (chosen.c, chosen.scaling)
+    every = svm_of(examples, tuning, 3, (0.01, 1.0), ("all", "each"), 90, 0)
     answers = every.scores(held[0]).argmax(1)
     assert (answers == held[1]).mean() > 0.6
