@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import Normalizer, StandardScaler
 from sklearn.svm import LinearSVC
 
 from sextant.baselines.linear_svm import LinearSVM
@@ -28,11 +28,13 @@ class OneScaler(StandardScaler):
         return self
 
 
-SCALERS = {"each": StandardScaler, "all": OneScaler}
+SCALERS = {"each": [StandardScaler], "all": [OneScaler], "unit": [Normalizer, OneScaler]}
 
 
 def plain(features, labels, c, scaling="all", **options):
-    return make_pipeline(SCALERS[scaling](), LinearSVC(C=c, random_state=0, **options)).fit(features, labels)
+    return make_pipeline(*(make() for make in SCALERS[scaling]), LinearSVC(C=c, random_state=0, **options)).fit(
+        features, labels
+    )
 
 
 @given(
@@ -67,6 +69,15 @@ def test_the_unit_of_a_number_does_not_matter():
     units = np.array([1e-3, 1, 1e3, 1, 1e5, 1, 1])
     one, other = (LinearSVM.fit(values, labels, 3, scaling="each") for values in (features, features * units + 5))
     np.testing.assert_allclose(one.scores(features), other.scores(features * units + 5), atol=1e-6)
+
+
+def test_the_length_of_an_image_does_not_matter_at_unit_length():
+    features, labels = clusters(0, 60, 7, 3)
+    lengths = np.geomspace(1e-3, 1e3, 60)[:, None]
+    one, other = (LinearSVM.fit(values, labels, 3, scaling="unit") for values in (features, features * lengths))
+    np.testing.assert_allclose(one.scores(features), other.scores(features * lengths), atol=1e-6)
+    np.testing.assert_allclose(other.scores(7 * features), one.scores(features), atol=1e-6)
+    assert np.isfinite(one.scores(np.zeros((1, 7)))).all()
 
 
 def test_a_number_that_never_differs_plays_no_part():

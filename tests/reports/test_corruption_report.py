@@ -185,7 +185,7 @@ def test_published_accuracies_become_errors(tmp_path):
 def test_the_report_shows_summaries_and_every_picture_that_it_names(sweep):
     paths = {path.name for path in write_report(sweep)}
     text = (sweep.directory / "report" / "report.md").read_text()
-    assert "| setting | arm | seeds | diverged | failed | clean | corrupted |" in text
+    assert "| setting | arm | seeds | diverged | failed | missing | clean | corrupted |" in text
     assert "Difference in error (points), paired by seed, on the same test images; lower is better" in text
     named = set(re.findall(r"\]\(([^)]+\.png)\)", text))
     assert named == {

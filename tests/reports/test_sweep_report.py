@@ -74,7 +74,7 @@ def test_a_cell_is_the_distribution_over_converged_seeds(sweep):
     results, accuracy = sweep
     (row,) = (s for s in summarise(results) if (s.arm, s.condition) == ("b", "clean"))
     values = [accuracy["b", pair, "clean"] for pair in range(SEEDS) if pair != 3]
-    assert (row.seeds, row.diverged, row.failed) == (8, 1, 0)
+    assert (row.seeds, row.diverged, row.failed, row.missing) == (8, 1, 0, 0)
     assert row.mean == pytest.approx(np.mean(values))
     assert row.median == pytest.approx(np.median(values))
     assert row.spread == pytest.approx(np.std(values, ddof=1))

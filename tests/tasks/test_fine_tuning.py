@@ -10,7 +10,7 @@ from torch import nn
 from sextant.baselines.linear_svm import LinearSVM
 from sextant.errors import LossNotFiniteError
 from sextant.layers.cosfire import Cosfire, GaborBank, VectorBank, VectorKeypoints
-from sextant.tasks.fine_tuning import FineTuning, LinearLayer, fine_tune, log_maxima
+from sextant.tasks.fine_tuning import FineTuning, LinearLayer, fine_tune, log_maxima, tune_layer
 from sextant.tasks.representations import filter_maxima
 
 
@@ -92,6 +92,23 @@ def test_no_step_leaves_the_scores_of_the_machine():
     np.testing.assert_allclose(again, scores, rtol=1e-3, atol=1e-3)
     expected = nn.functional.cross_entropy(scores[:, [0, 2, 3]], torch.tensor([0, -1, 1, 2])[labels])
     assert found.losses == [pytest.approx(float(expected), rel=1e-3)]
+
+
+def test_the_control_is_what_filters_that_cannot_learn_give():
+    filters, layer, maxima, images, labels = started(of_image)
+
+    def fixed():
+        made = Cosfire(GaborBank(), floor=0.01)
+        made.train_parts = lambda: made
+        return made
+
+    settings, order = FineTuning(3, 0.02), lambda: torch.Generator().manual_seed(0)
+    expected = fine_tune(filters, fixed, layer, maxima, images, labels, settings, order())
+    found = tune_layer(layer, maxima, labels, settings, order())
+    np.testing.assert_allclose(found.losses, expected.losses, rtol=1e-4)
+    torch.testing.assert_close(found.layer.weights, expected.layer.weights, rtol=1e-3, atol=1e-4)
+    assert found.losses[2] < found.losses[0]
+    assert found.layer.bias[1] == -math.inf
 
 
 def test_a_class_without_an_example_never_wins():

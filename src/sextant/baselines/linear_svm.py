@@ -2,20 +2,21 @@
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Int64
 from numpy import ndarray
 
-Scaling = Literal["all", "each"]
+Scaling = Literal["all", "each", "unit"]
+SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
 #: features, from which on a machine is fitted in the dual, and how well: LIBLINEAR's own tolerance
 MANY, TOLERANCE = 1000, 0.1
 
 
 @dataclass(frozen=True)
 class LinearSVM:
-    """Scores ``x @ weights.T + bias``, the largest of which wins.
+    """Scores ``x @ weights.T + bias``, the largest of which wins; with scaling ``unit`` of x brought to length 1.
 
     Attributes:
         c: the price of an error that it was fitted with.
@@ -48,7 +49,8 @@ class LinearSVM:
             c: price of an error.
             seed: of the order in which images are gone through.
             scaling: ``all`` features are divided by one deviation, so that what hardly ever differs stays small; or
-                ``each`` by its own, for features of several units.
+                ``each`` by its own, for features of several units; ``unit``: as ``all``, of images brought to length 1,
+                so that only the direction of their features counts.
 
         Raises:
             ValueError: all images are of one class.
@@ -58,10 +60,11 @@ class LinearSVM:
         present = np.unique(labels)
         if len(present) < 2:
             raise ValueError("a machine needs images of two classes at least")
+        features = _at_unit_length(features) if scaling == "unit" else features
         mean, deviation = features.mean(0), features.std(0)
         # what differs by rounding alone would be blown up by its own deviation
         differs = deviation > 1e-6 * np.abs(features).max(0)
-        if scaling == "all":
+        if scaling != "each":
             deviation = np.full_like(deviation, np.sqrt(np.square(deviation[differs]).mean()) if differs.any() else 1.0)
         deviation = np.where(differs, deviation, np.inf)
         scaled = (features - mean) / deviation
@@ -101,4 +104,11 @@ class LinearSVM:
 
     def scores(self, features: Float[ndarray, "n d"]) -> Float[ndarray, "n k"]:
         """How much each image looks like each class."""
-        return np.asarray(features @ self.weights.T + self.bias)
+        seen = _at_unit_length(features) if self.scaling == "unit" else features
+        return np.asarray(seen @ self.weights.T + self.bias)
+
+
+def _at_unit_length(features: Float[ndarray, "n d"]) -> Float[ndarray, "n d"]:
+    """Rows of length 1; what is nothing stays nothing."""
+    length = np.linalg.norm(features, axis=1, keepdims=True)
+    return features / np.where(length > 0, length, 1.0)

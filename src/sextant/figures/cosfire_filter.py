@@ -116,7 +116,7 @@ def _names(filters: Cosfire, channels: Float[ndarray, "n p"]) -> Sequence[str]:
     if isinstance(filters.bank, GaborBank):
         return [f"λ {wavelength:.3g} px" for wavelength, _ in channels]
     if isinstance(filters.bank, DoGBank):
-        return [f"{'bright' if polarity > 0 else 'dark'}, σ {sigma:.3g} px" for polarity, sigma in channels]
+        return [f"{'bright' if polarity > 0 else 'dark'}, σ {sigma:.3g} px" for sigma, polarity in channels]
     if channels.shape[1] == 1:
         return [f"channel {int(channel)}" for (channel,) in channels]
     return [f"vector {part + 1}" for part in range(len(channels))]

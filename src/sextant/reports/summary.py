@@ -21,6 +21,7 @@ class Summary:
     seeds: int
     diverged: int
     failed: int
+    missing: int
     mean: float
     median: float
     spread: float
@@ -49,7 +50,8 @@ def summarise(results: SweepResults) -> list[Summary]:
                         condition=condition,
                         seeds=len(converged),
                         diverged=len(diverged),
-                        failed=len(cells) - len(converged) - len(diverged),
+                        failed=sum(cell.outcome == "failed" for cell in cells),
+                        missing=sum(cell.outcome == "missing" for cell in cells),
                         mean=float(values.mean()) if len(values) else float("nan"),
                         median=float(np.median(values)) if len(values) else float("nan"),
                         spread=float(values.std(ddof=1)) if len(values) > 1 else float("nan"),

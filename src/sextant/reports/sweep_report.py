@@ -60,7 +60,7 @@ def write_report(results: SweepResults) -> list[Path]:
 
 def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
     """One row a cell, one column a condition: mean ± standard deviation over seeds and the interval of the mean."""
-    columns = ["setting", "arm", "seeds", "diverged", "failed", *results.conditions]
+    columns = ["setting", "arm", "seeds", "diverged", "failed", "missing", *results.conditions]
     rows = []
     for setting in results.settings:
         for arm in results.arms:
@@ -68,7 +68,8 @@ def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
             first = of_cell[0]
             n = results.measure.digits
             values = [f"{number(s.mean, n)} ± {number(s.spread, n)} {interval(s.low, s.high, n)}" for s in of_cell]
-            rows.append([setting, arm, str(first.seeds), str(first.diverged), str(first.failed), *values])
+            counts = (first.seeds, first.diverged, first.failed, first.missing)
+            rows.append([setting, arm, *map(str, counts), *values])
     return TextTable(columns, rows)
 
 

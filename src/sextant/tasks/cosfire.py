@@ -15,14 +15,14 @@ from numpy import ndarray
 from torch import Tensor, nn
 
 from sextant.baselines.grey import LUMA
-from sextant.baselines.linear_svm import LinearSVM
+from sextant.baselines.linear_svm import SCALINGS, LinearSVM, Scaling
 from sextant.data.batches import Batch, ImageBatches
 from sextant.data.examples import ExampleData
 from sextant.evaluation import classification_converged
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.models import FeatureMap
 from sextant.tasks.filter_prototypes import Prototypes, PrototypeSettings, configure
-from sextant.tasks.fine_tuning import LinearLayer, fine_tune, log_maxima
+from sextant.tasks.fine_tuning import LinearLayer, TunedLayer, fine_tune, log_maxima, tune_layer
 from sextant.tasks.learnt_later import LearntLater
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, nothing_to_optimize, optimizers
 from sextant.tasks.recognition_comparison import Comparison
@@ -32,6 +32,7 @@ from sextant.tasks.recognition_methods import (
     OF_EXAMPLES,
     OF_NETWORK,
     REPRESENTATIONS,
+    TUNED,
     Method,
     Representation,
     nearest_example,
@@ -100,9 +101,10 @@ class CosfireRecognition(pl.LightningModule):
         self.step_losses = StepLosses(log_every)
         self.prototypes = LearntLater("labels", "images", "points", "own", "pictures", "least")
         self.known = LearntLater("images", "labels")
-        self.tuned_layer = LearntLater("weights", "bias", "losses") if self.tuned is not None else None
+        tuned = TUNED if self.tuned is not None else ()
+        self.tuned_layers = nn.ModuleDict({name: LearntLater("weights", "bias", "losses") for name in tuned})
         self.machines = nn.ModuleDict(
-            {name: LearntLater("weights", "bias", "price", "each") for name in MACHINES if name in self.methods}
+            {name: LearntLater("weights", "bias", "price", "scaling") for name in MACHINES if name in self.methods}
         )
         self.result: RecognitionResult | None = None
         self._validation: list[Tensor] = []
@@ -114,7 +116,7 @@ class CosfireRecognition(pl.LightningModule):
         missing |= {"network"} if self.network is None or not self.comparison.network_answers else set()
         missing |= {"descriptor"} if self.describe is None else set()
         found = [method for method in self.comparison.methods if method not in missing]
-        return [*found, "cosfire_tuned"] if self.comparison.fine_tuning.epochs else found
+        return [*found, *TUNED] if self.comparison.fine_tuning.epochs else found
 
     # -- the network ---------------------------------------------------------------------------------------------------
 
@@ -178,47 +180,65 @@ class CosfireRecognition(pl.LightningModule):
         for name, machine in self.machines.items():
             known = self._features_of(name, examples.images, of_examples)  # type: ignore[arg-type]
             held = self._features_of(name, tuning.images, of_tuning) if len(tuning) else known[:0]  # type: ignore[arg-type]
-            fitted = self._machine((known, examples.labels), (held, tuning.labels))
+            fitted = self._machine((known, examples.labels), (held, tuning.labels), self.comparison.scalings)
             machine.keep(  # type: ignore[operator]
                 weights=torch.from_numpy(fitted.weights),
                 bias=torch.from_numpy(fitted.bias),
                 price=torch.tensor([fitted.c], dtype=torch.float64),
-                each=torch.tensor([fitted.scaling == "each"]),
+                scaling=torch.tensor([SCALINGS.index(fitted.scaling)]),
             )
         if self.tuned is not None:
             self._fine_tune(examples, tuning, of_examples["maxima"], of_tuning)
 
-    def _machine(self, examples: tuple[Tensor, Tensor], tuning: tuple[Tensor, Tensor]) -> LinearSVM:
+    def _machine(
+        self,
+        examples: tuple[Tensor, Tensor],
+        tuning: tuple[Tensor, Tensor],
+        scalings: tuple[Scaling, ...],
+    ) -> LinearSVM:
         chosen = self.comparison
-        return svm_of(
-            examples, tuning, len(self.classes), chosen.prices, chosen.scalings, chosen.choose_among, self.seed
-        )
+        return svm_of(examples, tuning, len(self.classes), chosen.prices, scalings, chosen.choose_among, self.seed)
+
+    def _fitted(self, method: Method) -> LinearSVM:
+        kept = self.machines[method]
+        weights, bias, price, scaling = (kept[name].cpu().numpy() for name in ("weights", "bias", "price", "scaling"))  # type: ignore[index]
+        return LinearSVM(weights, bias, float(price[0]), SCALINGS[int(scaling[0])])
 
     def _fine_tune(
         self, examples: ImageBatches, tuning: ImageBatches, maxima: Tensor, of_tuning: dict[str, Tensor]
     ) -> None:
-        """Train a copy of the filters on, from the machine of their log-maxima."""
+        """Train a copy of the filters on, from the machine of their log-maxima; as a control that machine alone."""
         assert self.tuned is not None
-        assert self.tuned_layer is not None
         if len(tuning) and "maxima" not in of_tuning:
             of_tuning["maxima"] = self._represented("maxima", tuning.images)
         held = of_tuning["maxima"] if len(tuning) else maxima[:0]
-        start = self._machine((log_maxima(maxima), examples.labels), (log_maxima(held), tuning.labels))
+        # a layer of images brought to length 1 would be no layer
+        scalings = tuple(scaling for scaling in self.comparison.scalings if scaling != "unit") or ("all",)
+        machine = self._machine((log_maxima(maxima), examples.labels), (log_maxima(held), tuning.labels), scalings)
+        start = LinearLayer(torch.from_numpy(machine.weights), torch.from_numpy(machine.bias))
+        settings = self.comparison.fine_tuning
+
+        def order() -> torch.Generator:
+            return torch.Generator().manual_seed(self.seed)
+
+        alone = tune_layer(start, maxima, examples.labels, settings, order())
         with self.show("fine-tuning") as progress:
             found = fine_tune(
                 self.filters,
                 self._make_filters,
-                LinearLayer(torch.from_numpy(start.weights), torch.from_numpy(start.bias)),
+                start,
                 maxima,
                 self.seen(examples.images),
                 examples.labels,
-                self.comparison.fine_tuning,
-                torch.Generator().manual_seed(self.seed),
+                settings,
+                order(),
                 progress,
             )
         self.tuned.load_state_dict(found.filters.state_dict())
-        losses = torch.tensor(found.losses, dtype=torch.float64)
-        self.tuned_layer.keep(weights=found.layer.weights, bias=found.layer.bias, losses=losses)
+        tuned: dict[Method, TunedLayer] = {"cosfire_tuned": found, "layer_tuned": alone}
+        for name, made in tuned.items():
+            losses = torch.tensor(made.losses, dtype=torch.float64)
+            self.tuned_layers[name].keep(weights=made.layer.weights, bias=made.layer.bias, losses=losses)  # type: ignore[operator]
 
     def _network_state(self) -> dict[str, Tensor]:
         assert self.network is not None
@@ -271,12 +291,10 @@ class CosfireRecognition(pl.LightningModule):
         for method in self.methods if methods is None else methods:
             features = self._features_of(method, images, known)
             if method in self.machines:
-                machine = self.machines[method]
-                layer = LinearLayer(machine["weights"], machine["bias"])  # type: ignore[index]
-                found[method] = layer.scores(features)
-            elif method == "cosfire_tuned":
-                assert self.tuned_layer is not None
-                layer = LinearLayer(self.tuned_layer["weights"], self.tuned_layer["bias"])
+                found[method] = torch.from_numpy(self._fitted(method).scores(features.double().numpy()))
+            elif method in TUNED:
+                kept = self.tuned_layers[method]
+                layer = LinearLayer(kept["weights"], kept["bias"])  # type: ignore[index]
                 found[method] = layer.scores(log_maxima(features))
             elif method == "strongest_filter":
                 own, labels = self.prototypes["own"].cpu(), self.prototypes["labels"].cpu()
@@ -363,10 +381,12 @@ class CosfireRecognition(pl.LightningModule):
         filters, parts = len(self.filters), len(self.filters.rho)
         weighing = self.features if self.network is None else self.network
         weights = 0 if weighing is None else sum(weight.numel() for weight in weighing.parameters())
-        prices = {name: float(machine["price"]) for name, machine in self.machines.items()}  # type: ignore[index]
-        scalings = {name: "each" if bool(machine["each"]) else "all" for name, machine in self.machines.items()}  # type: ignore[index]
+        machines = {name: self._fitted(name) for name in self.machines}  # type: ignore[arg-type]
+        prices = {name: machine.c for name, machine in machines.items()}
+        scalings = {name: machine.scaling for name, machine in machines.items()}
         found = {"filters": filters, "parts": parts, "parameters": weights, "prices": prices, "scalings": scalings}
-        return found if self.tuned_layer is None else found | {"tuning_losses": self.tuned_layer["losses"].tolist()}
+        losses = {name: layer["losses"].tolist() for name, layer in self.tuned_layers.items()}  # type: ignore[index]
+        return found | ({"tuning_losses": losses} if losses else {})
 
     def figures(self, data: ExampleData) -> "Iterator[tuple[str, Figure]]":
         """Pictures of the test; see :func:`~sextant.tasks.cosfire_report.recognition_figures`."""

@@ -4,7 +4,8 @@ r"""Training configured filters on, together with the linear layer that tells cl
 
 with R the responses of the filters and μ, s the mean and the deviation of the log-maxima of the examples before
 training; W and b start from a support vector machine. What trains is W, b and the parts of the filters (weights of
-geometric means; of a network's vectors their directions; places too where shifts are bilinear), by cross-entropy.
+geometric means; of a network's vectors their directions; places too where shifts are bilinear), by cross-entropy. A
+control trains W and b alone.
 """
 
 import math
@@ -50,18 +51,27 @@ class LinearLayer:
 
 
 @dataclass(frozen=True)
-class Tuned:
-    """What came of it.
+class TunedLayer:
+    """What came of training a layer on.
 
     Attributes:
-        filters: the copy that was trained.
-        layer: over the log-maxima of these filters.
+        layer: over log-maxima.
         losses: mean cross-entropy of each epoch, while it was trained.
     """
 
-    filters: Cosfire
     layer: LinearLayer
     losses: list[float]
+
+
+@dataclass(frozen=True)
+class Tuned(TunedLayer):
+    """What came of training filters and layer on; the layer is over the log-maxima of these filters.
+
+    Attributes:
+        filters: the copy that was trained.
+    """
+
+    filters: Cosfire
 
 
 def fine_tune(
@@ -93,35 +103,36 @@ def fine_tune(
     trained, device = copy(), filters.rho.device
     trained.load_state_dict(filters.state_dict())
     trained.to(device).train_parts()
-    scaling = _Scaling.of(log_maxima(maxima))
-    present = start.bias.isfinite()  # a bias of -inf would make gradients nan
-    head = nn.Linear(maxima.shape[1], int(present.sum()), device=device)
-    weights = start.weights[present] * scaling.deviation
-    with torch.no_grad():
-        head.weight.copy_(weights)
-        head.bias.copy_(start.bias[present] + start.weights[present] @ scaling.mean)
-    number = (present.cumsum(0) - 1)[labels].to(device)
-    optimizer = torch.optim.Adam([*_parts(trained), *head.parameters()], lr=settings.lr)
-    losses, total = [], settings.epochs * len(images)
-    for epoch in range(settings.epochs):
-        order, summed = torch.randperm(len(images), generator=generator), 0.0
-        for step, rows in enumerate(order.split(BATCH)):
-            with torch.enable_grad():
-                found = log_maxima(trained.maxima(images[rows].to(device).float() / 255))
-                loss = F.cross_entropy(head(scaling(found)), number[rows.to(device)])
-                optimizer.zero_grad()
-                loss.backward()
-            if not math.isfinite(value := float(loss.detach())):
-                raise LossNotFiniteError.at(step, value)
-            optimizer.step()
-            summed += value * len(rows)
-            show(epoch * len(images) + min((step + 1) * BATCH, len(images)), total)
-        losses.append(summed / len(images))
-    shares = head.weight.detach().double().cpu() / scaling.deviation
-    layer = LinearLayer(torch.zeros_like(start.weights), torch.full_like(start.bias, -torch.inf))
-    layer.weights[present] = shares
-    layer.bias[present] = head.bias.detach().double().cpu() - shares @ scaling.mean
-    return Tuned(trained, layer, losses)
+    head = _Head(start, maxima).to(device)
+
+    def seen(rows: Tensor) -> Tensor:
+        return log_maxima(trained.maxima(images[rows].to(device).float() / 255))
+
+    losses = _descend(head, _parts(trained), seen, labels, settings, generator, show)
+    return Tuned(head.layer(), losses, trained)
+
+
+def tune_layer(
+    start: LinearLayer,
+    maxima: Float[Tensor, "n f"],
+    labels: Int64[Tensor, "n"],
+    settings: FineTuning,
+    generator: torch.Generator,
+) -> TunedLayer:
+    """Train the layer alone, as long and as fast: what of :func:`fine_tune` is not the filters' doing.
+
+    Args:
+        start: fitted to the log-maxima of the examples.
+        maxima, labels: of the examples.
+        settings: how long and how fast.
+        generator: of the order of the examples.
+
+    Raises:
+        LossNotFiniteError: a loss is not a number.
+    """
+    head = _Head(start, maxima)
+    losses = _descend(head, [], lambda rows: log_maxima(maxima[rows]), labels, settings, generator)
+    return TunedLayer(head.layer(), losses)
 
 
 def log_maxima(maxima: Float[Tensor, "n f"]) -> Float[Tensor, "n f"]:
@@ -129,21 +140,69 @@ def log_maxima(maxima: Float[Tensor, "n f"]) -> Float[Tensor, "n f"]:
     return maxima.clamp(min=1e-3).log()
 
 
-@dataclass(frozen=True)
-class _Scaling:
-    mean: Float64[Tensor, "f"]
-    deviation: Float64[Tensor, "f"]
+def _descend(
+    head: "_Head",
+    parts: list[nn.Parameter],
+    seen: Callable[[Int64[Tensor, "b"]], Float[Tensor, "b f"]],
+    labels: Int64[Tensor, "n"],
+    settings: FineTuning,
+    generator: torch.Generator,
+    show: Progress = lambda done, total: None,
+) -> list[float]:
+    """Adam over ``head`` and ``parts``; ``seen`` gives the log-maxima of examples by number. Mean loss by epoch."""
+    number = head.number(labels)
+    optimizer = torch.optim.Adam([*parts, *head.parameters()], lr=settings.lr)
+    losses, count = [], len(labels)
+    for epoch in range(settings.epochs):
+        order, summed = torch.randperm(count, generator=generator), 0.0
+        for step, rows in enumerate(order.split(BATCH)):
+            with torch.enable_grad():
+                loss = F.cross_entropy(head(seen(rows)), number[rows.to(number.device)])
+                optimizer.zero_grad()
+                loss.backward()
+            if not math.isfinite(value := float(loss.detach())):
+                raise LossNotFiniteError.at(step, value)
+            optimizer.step()
+            summed += value * len(rows)
+            show(epoch * count + min((step + 1) * BATCH, count), settings.epochs * count)
+        losses.append(summed / count)
+    return losses
 
-    @classmethod
-    def of(cls, features: Float[Tensor, "n f"]) -> "_Scaling":
-        values = features.double().cpu()
+
+class _Head(nn.Module):
+    """The layer over scaled log-maxima, of the classes with an example: a bias of -inf would make gradients nan."""
+
+    def __init__(self, start: LinearLayer, maxima: Float[Tensor, "n f"]):
+        super().__init__()
+        values = log_maxima(maxima).double().cpu()
         deviation = values.std(0, correction=0)
         # a filter that answers alike to all would be blown up by its own deviation
         least = 1e-3 * float(deviation.max())
-        return cls(values.mean(0), deviation.clamp(min=least if least > 0 else 1.0))
+        self.mean, self.deviation = values.mean(0), deviation.clamp(min=least if least > 0 else 1.0)
+        self.present = start.bias.isfinite()
+        weights = start.weights[self.present]
+        self.linear = nn.Linear(maxima.shape[1], len(weights))
+        with torch.no_grad():
+            self.linear.weight.copy_(weights * self.deviation)
+            self.linear.bias.copy_(start.bias[self.present] + weights @ self.mean)
 
-    def __call__(self, features: Tensor) -> Tensor:
-        return (features - self.mean.to(features)) / self.deviation.to(features)
+    def forward(self, features: Float[Tensor, "b f"]) -> Float[Tensor, "b k"]:
+        return self.linear((features - self.mean.to(features)) / self.deviation.to(features))  # type: ignore[no-any-return]
+
+    def number(self, labels: Int64[Tensor, "n"]) -> Int64[Tensor, "n"]:
+        """Which of the layer's rows each label has."""
+        return (self.present.cumsum(0) - 1)[labels].to(self.linear.weight.device)
+
+    def layer(self) -> LinearLayer:
+        """Over log-maxima as they are, of all classes."""
+        weights = self.linear.weight.detach().double().cpu() / self.deviation
+        bias = self.linear.bias.detach().double().cpu() - weights @ self.mean
+        found = LinearLayer(
+            torch.zeros(len(self.present), weights.shape[1], dtype=torch.float64),
+            torch.full((len(self.present),), -torch.inf, dtype=torch.float64),
+        )
+        found.weights[self.present], found.bias[self.present] = weights, bias
+        return found
 
 
 def _parts(filters: Cosfire) -> list[nn.Parameter]:

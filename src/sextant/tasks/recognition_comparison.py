@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from sextant.baselines.linear_svm import Scaling
+from sextant.baselines.linear_svm import SCALINGS, Scaling
 from sextant.tasks.fine_tuning import FineTuning
 from sextant.tasks.recognition_methods import OF_NETWORK, Method
 
@@ -18,12 +18,13 @@ class Comparison:
         choose_among: examples of which machines are made while prices are compared.
         network_answers: the network was trained for the classes that are tested.
         logarithms: machines see logarithms of the filters' maxima.
-        fine_tuning: of a copy of the filters, for the method ``cosfire_tuned``; without epochs there is none.
+        fine_tuning: of a copy of the filters, for the methods ``cosfire_tuned`` and ``layer_tuned``; without epochs
+            there are none.
     """
 
     methods: tuple[Method, ...] = ("cosfire_svm", "strongest_filter", *OF_NETWORK)
     prices: tuple[float, ...] = (0.001, 0.01, 0.1, 1.0)
-    scalings: tuple[Scaling, ...] = ("all", "each")
+    scalings: tuple[Scaling, ...] = SCALINGS
     choose_among: int = 5000
     logarithms: bool = False
     network_answers: bool = True

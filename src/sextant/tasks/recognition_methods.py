@@ -11,7 +11,15 @@ from torch import Tensor
 from sextant.baselines.linear_svm import LinearSVM, Scaling
 
 Method = Literal[
-    "cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor", "cosfire_tuned"
+    "cosfire_svm",
+    "strongest_filter",
+    "full_svm",
+    "pooled_svm",
+    "nearest",
+    "network",
+    "descriptor",
+    "cosfire_tuned",
+    "layer_tuned",
 ]
 #: what each is, for tables
 METHODS: dict[Method, str] = {
@@ -23,6 +31,7 @@ METHODS: dict[Method, str] = {
     "network": "the network itself",
     "descriptor": "nearest example (of 10,000 at most) by the cosine of place descriptors",
     "cosfire_tuned": "log-maxima of COSFIRE filters, linear layer, both trained on from the SVM",
+    "layer_tuned": "the same, the layer alone trained on: the control",
 }
 #: what a method sees of an image
 Representation = Literal["maxima", "tuned", "full", "pooled", "logits", "descriptor"]
@@ -35,9 +44,12 @@ REPRESENTATIONS: dict[Method, Representation] = {
     "network": "logits",
     "descriptor": "descriptor",
     "cosfire_tuned": "tuned",
+    "layer_tuned": "maxima",
 }
 #: those that are a support vector machine
 MACHINES: tuple[Method, ...] = ("cosfire_svm", "full_svm", "pooled_svm")
+#: those of fine-tuning
+TUNED: tuple[Method, ...] = ("cosfire_tuned", "layer_tuned")
 #: those that compare with examples themselves
 OF_EXAMPLES: tuple[Method, ...] = ("nearest", "descriptor")
 #: those that need a network

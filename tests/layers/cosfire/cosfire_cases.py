@@ -101,7 +101,7 @@ def plain_responses(layer, filters, images):
 
     def moved(channel, move):
         if isinstance(bank, DoGBank):
-            return channel[0], channel[1] * move.scale
+            return channel[0] * move.scale, channel[1]
         theta = math.pi - channel[1] if move.mirrored else channel[1]
         return channel[0] * move.scale, theta + move.rotation_rad
 

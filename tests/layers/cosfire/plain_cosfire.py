@@ -35,7 +35,7 @@ def gaussian(sigma, reach):
 
 
 def dog(image, channel, *, ratio, border):
-    polarity, sigma = channel
+    sigma, polarity = channel
     reach = math.ceil(3 * sigma)
     kernel = gaussian(ratio * sigma, reach) - gaussian(sigma, reach)
     return np.maximum(0, polarity * correlated(image, kernel, border))

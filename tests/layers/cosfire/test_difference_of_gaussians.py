@@ -11,7 +11,7 @@ from layers.cosfire.cosfire_cases import random_images
 from scipy.ndimage import gaussian_filter
 
 from sextant.errors import UserError
-from sextant.layers.cosfire import DoGBank, Move
+from sextant.layers.cosfire import ConcentricCircles, Cosfire, DoGBank, Move
 
 SCIPY_BORDER = {"zeros": "constant", "replicate": "nearest", "reflect": "mirror", "circular": "wrap"}
 
@@ -32,9 +32,21 @@ def test_polarities_tell_bright_spots_from_dark_ones():
     assert bright > 0 == dark
 
 
+def test_of_several_widths_at_a_place_the_strongest_is_kept_for_each_polarity():
+    layer = Cosfire(DoGBank((1.0, 2.0, 4.0), (1, -1)), ConcentricCircles((0.0, 3.0), t2=0.0))
+    image = torch.rand(1, 21, 21, generator=torch.Generator().manual_seed(0))
+    parts = layer.configure(image).tuples(0)
+    places = torch.stack([parts.rho, parts.phi, parts.channels[:, 1]], 1)
+    assert len(torch.unique(places, dim=0)) == len(places) > 4
+    maps = layer.bank.describe(image[None])[0, :, 10, 10]
+    (sigma,) = parts.channels[(parts.rho == 0) & (parts.channels[:, 1] == 1), 0].tolist() or [0.0]
+    bright = maps[layer.bank.grid()[:, 1] == 1]
+    assert sigma == ([1.0, 2.0, 4.0][int(bright.argmax())] if bright.max() > 0 else 0.0)
+
+
 def test_a_channel_of_a_moved_image_grows_with_it_alone():
-    moved = DoGBank().moved(torch.tensor([[1.0, 2.0], [-1.0, 3.0]]), Move(1.0, 1.5, True))
-    assert moved.tolist() == [[1.0, 3.0], [-1.0, 4.5]]
+    moved = DoGBank().moved(torch.tensor([[2.0, 1.0], [3.0, -1.0]]), Move(1.0, 1.5, True))
+    assert moved.tolist() == [[3.0, 1.0], [4.5, -1.0]]
 
 
 @pytest.mark.parametrize("options", [{"sigmas": ()}, {"sigmas": (0.0,)}, {"polarities": ()}, {"polarities": (2,)}])

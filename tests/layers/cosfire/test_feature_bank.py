@@ -75,6 +75,17 @@ def test_the_maps_of_channels_are_shares_of_the_images_strongest(features):
         torch.testing.assert_close(bank.strongest(images), bank.describe(images).amax((1, 2, 3)))
 
 
+@pytest.mark.parametrize("t1", [0.0, 0.3, 0.6])
+def test_weak_vectors_are_no_parts_and_strong_ones_stay_whole(features, t1):
+    example = random_images(0, 3, 24, 24)
+    layer = Cosfire(VectorBank(features, 6), VectorKeypoints(window=0, reach=20.0, strength=0.0, most=200), t1=t1)
+    layer.configure(example)
+    length = features(example[None]).clamp(min=0).norm(dim=1)
+    assert len(layer.tuples(0)) == int((length >= max(t1, 1e-12) * length.max()).sum())
+    layer.blur = Blur(0.0, 0.0)
+    torch.testing.assert_close(layer(example[None])[0, 0, 6, 6].item(), 1.0)  # the point of interest
+
+
 def test_the_maps_of_vectors_are_cosines_and_those_of_short_ones_less(features):
     images = random_images(0, 1, 3, 24, 24)
     directions = random_images(1, 3, 6)

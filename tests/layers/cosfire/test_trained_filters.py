@@ -16,8 +16,8 @@ from sextant.layers.cosfire import (
     VectorKeypoints,
 )
 
-DOG = (1.0, 1.2)
-PARTS = [(DOG, 0.3, 0.4), (DOG, 2.2, 1.0), ((1.0, 1.6), 2.7, 4.0), ((-1.0, 1.2), 1.4, 5.5)]
+DOG = (1.2, 1.0)
+PARTS = [(DOG, 0.3, 0.4), (DOG, 2.2, 1.0), ((1.6, 1.0), 2.7, 4.0), ((1.2, -1.0), 1.4, 5.5)]
 
 
 def layer_of(bank=None, parts=PARTS, **options):

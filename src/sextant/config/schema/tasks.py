@@ -144,7 +144,9 @@ class CosfireTask(Node):
         examples=["[cosfire_svm,full_svm]"]
     )
     prices: Annotated[list[Positive], Field(min_length=1), AfterValidator(distinct)] = Field(examples=["[0.01,0.1,1]"])
-    scalings: Annotated[list[Literal["all", "each"]], Field(min_length=1, examples=["[all]"]), AfterValidator(once)]
+    scalings: Annotated[
+        list[Literal["all", "each", "unit"]], Field(min_length=1, examples=["[all]"]), AfterValidator(once)
+    ]
     logarithms: bool
     fine_tune: FineTune
     scenes: SceneChoice | None
@@ -153,7 +155,7 @@ class CosfireTask(Node):
 
     def answering(self) -> list[str]:
         """The methods whose answers a run has, where it has the parts for them."""
-        return [*self.methods, "cosfire_tuned"] if self.fine_tune.epochs else list(self.methods)
+        return [*self.methods, "cosfire_tuned", "layer_tuned"] if self.fine_tune.epochs else list(self.methods)
 
 
 Task = Annotated[

@@ -35,6 +35,10 @@ class Bank(nn.Module, ABC):
         """The most that a channel of the grid answers anywhere in each image; thresholds are shares of it."""
         return self.describe(images).amax((1, 2, 3))
 
+    def strength(self, maps: Float[Tensor, "b k y x"]) -> Float[Tensor, "b #k y x"]:
+        """How strongly there is something, by which ``t1`` tells what filters are configured from: the responses."""
+        return maps
+
     @abstractmethod
     def forward(self, images: Float[Tensor, "b c h w"], channels: Float[Tensor, "u p"]) -> Float[Tensor, "b u y x"]:
         """A map for each of ``channels``, non-negative."""

@@ -30,8 +30,8 @@ class ConcentricCircles(Strategy):
         t2: a channel is kept from this share of the strongest on.
         relative_to: which strongest: of the place (``place``, the paper) or of the whole example (``example``).
         apart_deg: peaks of a circle are at least so far apart; the stronger stays.
-        one_of: channels of several numbers that agree in all but the first (Gabor: the wavelength) count as rivals, of
-            which the strongest is kept; no such choice if False.
+        one_of: channels of several numbers that agree in all but the first (wavelength of Gabor filters, σ of
+            differences of Gaussians) count as rivals, of which the strongest is kept; no such choice if False.
 
     Raises:
         ValueError: no radius, a negative one, or t2 outside [0, 1].

@@ -54,7 +54,8 @@ class Cosfire(FilterParts):
         mean: how parts are put together.
         least_weight: of the outermost part against the centre, in (0, 1]; 1 weighs all alike.
         tolerance: moves that a filter answers to. What the bank cannot move is configured from the moved example.
-        t1: responses of the bank below this share of the image's strongest count as none.
+        t1: responses of the bank below this share of the image's strongest count as none; of vectors in an example
+            their lengths, in an image their cosines.
         t3: responses of a filter below this share of its strongest in the image are none.
         floor: the least a part counts, in units of the bank: with 0 a single missing part silences a filter.
         shift: to whole pixels, or ``bilinear`` between them (differentiable in ρ and φ).
@@ -251,8 +252,9 @@ class Cosfire(FilterParts):
         return [form for form in forms if len(form)]
 
     def _found(self, image: Tensor, point: tuple[float, float]) -> Tuples:
-        maps = self.bank.describe(image)
-        maps = _from_share(maps, maps.amax((1, 2, 3))[:, None], self.t1)[0]
+        maps = self.bank.describe(image)[0]
+        strength = self.bank.strength(maps[None])[0]
+        maps = maps.masked_fill(strength < self.t1 * strength.amax(), 0.0)
         height, width = image.shape[-2:]
         row = int((point[1] + 0.5) * maps.shape[1] / height)
         column = int((point[0] + 0.5) * maps.shape[2] / width)

@@ -22,7 +22,7 @@ from sextant.layers.cosfire.tolerance import Move
 
 
 class DoGBank(SteerableBank):
-    """Half-wave rectified differences of Gaussians; a channel is (polarity, σ in pixels).
+    """Half-wave rectified differences of Gaussians; a channel is (σ in pixels, polarity).
 
     Args:
         sigmas: σ of the outer Gaussian.
@@ -49,7 +49,7 @@ class DoGBank(SteerableBank):
 
     def grid(self) -> Float[Tensor, "k 2"]:
         """Every polarity of every σ."""
-        return torch.tensor([[sign, s] for s in self.sigmas for sign in self.polarities], dtype=torch.float64)
+        return torch.tensor([[s, sign] for s in self.sigmas for sign in self.polarities], dtype=torch.float64)
 
     def describe(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k h w"]:
         """Responses of the grid; see :meth:`Bank.describe`."""
@@ -59,17 +59,17 @@ class DoGBank(SteerableBank):
         """Rectified responses; see :meth:`Bank.forward`."""
         check_grey(images, "DoGBank")
         found = images.new_zeros(len(images), len(channels), *images.shape[2:])
-        for sigma in torch.unique(channels[:, 1]).tolist():
+        for sigma in torch.unique(channels[:, 0]).tolist():
             reach = math.ceil(3 * sigma)
             image = padded(images, reach, self.border)
             inner, outer = (twice_convolved(image, gaussian_line(s, reach)) for s in (self.ratio * sigma, sigma))
-            for row in (channels[:, 1] == sigma).nonzero()[:, 0].tolist():
-                found[:, row] = (float(channels[row, 0]) * (inner - outer))[:, 0].clamp(min=0)
+            for row in (channels[:, 0] == sigma).nonzero()[:, 0].tolist():
+                found[:, row] = (float(channels[row, 1]) * (inner - outer))[:, 0].clamp(min=0)
         return found
 
     def moved(self, channels: Float[Tensor, "n 2"], move: Move) -> Float[Tensor, "n 2"]:
         """σ grows with the image; see :meth:`SteerableBank.moved`."""
-        return channels * torch.tensor([1.0, move.scale], dtype=channels.dtype)
+        return channels * torch.tensor([move.scale, 1.0], dtype=channels.dtype)
 
     def options(self) -> dict[str, Any]:
         """Arguments of the constructor."""

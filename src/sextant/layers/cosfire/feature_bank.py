@@ -63,6 +63,11 @@ class VectorBank(Bank):
         """The rectified feature map; see :meth:`Bank.describe`."""
         return _rectified(self.features, images, self.size)
 
+    def strength(self, maps: Float[Tensor, "b k y x"]) -> Float[Tensor, "b 1 y x"]:
+        """Lengths of the vectors: a part of one would point elsewhere."""
+        length: Tensor = maps.norm(dim=1, keepdim=True)
+        return length
+
     def strongest(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b"]:
         """1, the cosine of what points in the very direction."""
         return images.new_ones(len(images))
