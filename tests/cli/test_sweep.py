@@ -75,7 +75,7 @@ def test_a_run_that_fails_fails_both_arms(tmp_path):
         (
             "cosfire",
             "full_smv",
-            "sweep.arms.paper.reads=full_smv: its runs have those of cosfire_svm, strongest_filter",
+            "sweep.arms.paper.reads=full_smv: its runs have those of cosfire_svm, tiled_svm, strongest_filter",
         ),
         ("cosfire", "cosfire_tuned", "sweep.arms.paper.reads=cosfire_tuned: its runs have those of"),
         ("classification", "network", "sweep.arms.paper.reads=network: task=classification has one method"),

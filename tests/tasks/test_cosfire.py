@@ -20,7 +20,7 @@ from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.cosfire import CosfireRecognition
 
-METHODS = ["cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
+METHODS = ["cosfire_svm", "tiled_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_what_a_run_keeps(usual):
         assert share == pytest.approx((found[f"answer/{method}"] == labels).mean())
     assert results["filters"] == 20
     assert results["parts"] >= 3 * 20
-    assert set(results["prices"]) == {"cosfire_svm", "full_svm", "pooled_svm"}
+    assert set(results["prices"]) == {"cosfire_svm", "tiled_svm", "full_svm", "pooled_svm"}
     assert set(results["prices"].values()) <= {0.01, 0.1}
     assert "tuning_losses" not in results
     assert [row["method"] for row in results["table"]] == sorted(METHODS, key=lambda m: -accuracy(usual)[m])
@@ -184,7 +184,7 @@ def test_what_does_not_fit_a_finished_run_is_told(usual, tmp_path, overrides, sa
 
 def test_filters_that_look_at_images_need_no_network(outputs):
     found = digits_run(outputs, *PLAIN, "task.prices=[0.1]")
-    assert set(accuracy(found)) == {"cosfire_svm", "strongest_filter"}
+    assert set(accuracy(found)) == {"cosfire_svm", "tiled_svm", "strongest_filter"}
     assert accuracy(found)["cosfire_svm"] > 0.6
     assert accuracy(found)["strongest_filter"] > 0.2
     assert not any(name.startswith(("network", "features")) for name in weights(found))
@@ -238,6 +238,17 @@ def test_a_copy_of_the_filters_is_trained_on_and_all_else_stays(usual, outputs):
     assert torch.equal(tuned["tuned.rho"], tuned["filters.rho"])
     assert not torch.equal(tuned["tuned.weights"], tuned["filters.weights"])
     assert not torch.equal(tuned["tuned.channels"], tuned["filters.channels"])
+
+
+def test_the_number_of_tiles_changes_nothing_for_other_methods(usual, outputs):
+    found = digits_run(outputs, "task.tiles=2")
+    of_four, of_nine = (weights(run)["machines.tiled_svm.weights"].shape for run in (found, usual))
+    assert (of_four, of_nine) == ((10, 20 * 4), (10, 20 * 9))
+    told = answers(found)
+    for method in set(METHODS) - {"tiled_svm"}:
+        np.testing.assert_array_equal(told[method], answers(usual)[method])
+    assert (told["tiled_svm"] != answers(usual)["tiled_svm"]).any()
+    assert accuracy(found)["tiled_svm"] > 0.8
 
 
 # -- places ------------------------------------------------------------------------------------------------------------

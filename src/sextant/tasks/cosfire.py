@@ -30,6 +30,7 @@ from sextant.tasks.recognition_methods import (
     MACHINES,
     NEAREST_AMONG,
     OF_EXAMPLES,
+    OF_MAXIMA,
     OF_NETWORK,
     REPRESENTATIONS,
     TUNED,
@@ -99,7 +100,7 @@ class CosfireRecognition(pl.LightningModule):
         self.describe, self.seed, self.show = describe, seed, show
         self.optimizer_factory, self.schedule = optimizer, schedule
         self.step_losses = StepLosses(log_every)
-        self.prototypes = LearntLater("labels", "images", "points", "own", "pictures", "least")
+        self.prototypes = LearntLater("labels", "images", "points", "own", "pictures", "least_maxima", "least_tiled")
         self.known = LearntLater("images", "labels")
         tuned = TUNED if self.tuned is not None else ()
         self.tuned_layers = nn.ModuleDict({name: LearntLater("weights", "bias", "losses") for name in tuned})
@@ -173,10 +174,12 @@ class CosfireRecognition(pl.LightningModule):
             self.known.keep(images=examples.images[rows], labels=examples.labels[rows])
         of_examples: dict[str, Tensor] = {}
         of_tuning: dict[str, Tensor] = {}
-        if "cosfire_svm" in self.machines or self.tuned is not None:
-            of_examples["maxima"] = self._represented("maxima", examples.images)
-            positive = of_examples["maxima"][of_examples["maxima"] > 0]
-            self.prototypes.keep(least=positive.min().reshape(1) if len(positive) else torch.ones(1))
+        for method in OF_MAXIMA:
+            if method in self.machines:
+                seen = self._seen_as(kind := REPRESENTATIONS[method], examples.images, of_examples)
+                positive = seen[seen > 0]
+                least = positive.min().reshape(1) if len(positive) else torch.ones(1)
+                self.prototypes.keep(**{f"least_{kind}": least})
         for name, machine in self.machines.items():
             known = self._features_of(name, examples.images, of_examples)  # type: ignore[arg-type]
             held = self._features_of(name, tuning.images, of_tuning) if len(tuning) else known[:0]  # type: ignore[arg-type]
@@ -188,7 +191,9 @@ class CosfireRecognition(pl.LightningModule):
                 scaling=torch.tensor([SCALINGS.index(fitted.scaling)]),
             )
         if self.tuned is not None:
-            self._fine_tune(examples, tuning, of_examples["maxima"], of_tuning)
+            maxima = self._seen_as("maxima", examples.images, of_examples)
+            held = self._seen_as("maxima", tuning.images, of_tuning) if len(tuning) else maxima[:0]
+            self._fine_tune(examples, maxima, (held, tuning.labels))
 
     def _machine(
         self,
@@ -204,17 +209,12 @@ class CosfireRecognition(pl.LightningModule):
         weights, bias, price, scaling = (kept[name].cpu().numpy() for name in ("weights", "bias", "price", "scaling"))  # type: ignore[index]
         return LinearSVM(weights, bias, float(price[0]), SCALINGS[int(scaling[0])])
 
-    def _fine_tune(
-        self, examples: ImageBatches, tuning: ImageBatches, maxima: Tensor, of_tuning: dict[str, Tensor]
-    ) -> None:
+    def _fine_tune(self, examples: ImageBatches, maxima: Tensor, held: tuple[Tensor, Tensor]) -> None:
         """Train a copy of the filters on, from the machine of their log-maxima; as a control that machine alone."""
         assert self.tuned is not None
-        if len(tuning) and "maxima" not in of_tuning:
-            of_tuning["maxima"] = self._represented("maxima", tuning.images)
-        held = of_tuning["maxima"] if len(tuning) else maxima[:0]
         # a layer of images brought to length 1 would be no layer
         scalings = tuple(scaling for scaling in self.comparison.scalings if scaling != "unit") or ("all",)
-        machine = self._machine((log_maxima(maxima), examples.labels), (log_maxima(held), tuning.labels), scalings)
+        machine = self._machine((log_maxima(maxima), examples.labels), (log_maxima(held[0]), held[1]), scalings)
         start = LinearLayer(torch.from_numpy(machine.weights), torch.from_numpy(machine.bias))
         settings = self.comparison.fine_tuning
 
@@ -247,12 +247,20 @@ class CosfireRecognition(pl.LightningModule):
     def _features_of(
         self, method: Method, images: UInt8[Tensor, "n c h w"], known: dict[str, Tensor]
     ) -> Float[Tensor, "n d"]:
-        """What a method sees of images; what several see is worked out once and kept in ``known``."""
+        """What a method sees of images."""
         kind = REPRESENTATIONS[method]
-        if kind not in known:
+        seen = self._seen_as(kind, images, known)
+        if method in OF_MAXIMA and self.comparison.logarithms:
+            return seen.clamp(min=float(self.prototypes[f"least_{kind}"])).log()
+        return seen
+
+    def _seen_as(self, kind: Representation, images: UInt8[Tensor, "n c h w"], known: dict[str, Tensor]) -> Tensor:
+        """What several methods see is worked out once and kept in ``known``."""
+        if kind not in known and kind == "maxima":
+            tiled = self._seen_as("tiled", images, known)
+            known[kind] = tiled.unflatten(1, (len(self.filters), -1)).amax(2)
+        elif kind not in known:
             known[kind] = self._represented(kind, images)
-        if method == "cosfire_svm" and self.comparison.logarithms:
-            return known[kind].clamp(min=float(self.prototypes["least"])).log()
         return known[kind]
 
     def seen(self, images: UInt8[Tensor, "n c h w"]) -> UInt8[Tensor, "n k h w"]:
@@ -263,11 +271,12 @@ class CosfireRecognition(pl.LightningModule):
         return torch.cat([(batch * luma).sum(1, keepdim=True).round().byte() for batch in images.split(256)])
 
     def _represented(self, kind: Representation, images: Tensor) -> Tensor:
-        if kind in ("maxima", "tuned"):
-            filters = self.filters if kind == "maxima" else self.tuned
+        if kind in ("tiled", "tuned"):
+            filters = self.filters if kind == "tiled" else self.tuned
             assert filters is not None
+            tiles = self.comparison.tiles if kind == "tiled" and "tiled_svm" in self.methods else 1
             with self.show("filtering") as progress:
-                return filter_maxima(filters, self.seen(images), progress)
+                return filter_maxima(filters, self.seen(images), progress, tiles=tiles)
         if kind == "descriptor":
             assert self.describe is not None
             return torch.from_numpy(self.describe(images.permute(0, 2, 3, 1).contiguous().numpy()))

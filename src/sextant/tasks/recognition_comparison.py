@@ -18,14 +18,16 @@ class Comparison:
         choose_among: examples of which machines are made while prices are compared.
         network_answers: the network was trained for the classes that are tested.
         logarithms: machines see logarithms of the filters' maxima.
+        tiles: of a side of the image, for the method ``tiled_svm``.
         fine_tuning: of a copy of the filters, for the methods ``cosfire_tuned`` and ``layer_tuned``; without epochs
             there are none.
     """
 
-    methods: tuple[Method, ...] = ("cosfire_svm", "strongest_filter", *OF_NETWORK)
+    methods: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "strongest_filter", *OF_NETWORK)
     prices: tuple[float, ...] = (0.001, 0.01, 0.1, 1.0)
     scalings: tuple[Scaling, ...] = SCALINGS
     choose_among: int = 5000
     logarithms: bool = False
+    tiles: int = 3
     network_answers: bool = True
     fine_tuning: FineTuning = field(default_factory=FineTuning)

@@ -12,6 +12,7 @@ from sextant.baselines.linear_svm import LinearSVM, Scaling
 
 Method = Literal[
     "cosfire_svm",
+    "tiled_svm",
     "strongest_filter",
     "full_svm",
     "pooled_svm",
@@ -24,6 +25,7 @@ Method = Literal[
 #: what each is, for tables
 METHODS: dict[Method, str] = {
     "cosfire_svm": "maxima of COSFIRE filters, linear SVM",
+    "tiled_svm": "maxima of COSFIRE filters in each tile of the image, linear SVM",
     "strongest_filter": "class of the filter that answers most, against its own prototype",
     "full_svm": "whole feature map, linear SVM (the paper's baseline)",
     "pooled_svm": "feature map averaged over places, linear SVM",
@@ -34,9 +36,10 @@ METHODS: dict[Method, str] = {
     "layer_tuned": "the same, the layer alone trained on: the control",
 }
 #: what a method sees of an image
-Representation = Literal["maxima", "tuned", "full", "pooled", "logits", "descriptor"]
+Representation = Literal["maxima", "tiled", "tuned", "full", "pooled", "logits", "descriptor"]
 REPRESENTATIONS: dict[Method, Representation] = {
     "cosfire_svm": "maxima",
+    "tiled_svm": "tiled",
     "strongest_filter": "maxima",
     "full_svm": "full",
     "pooled_svm": "pooled",
@@ -47,7 +50,9 @@ REPRESENTATIONS: dict[Method, Representation] = {
     "layer_tuned": "maxima",
 }
 #: those that are a support vector machine
-MACHINES: tuple[Method, ...] = ("cosfire_svm", "full_svm", "pooled_svm")
+MACHINES: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "full_svm", "pooled_svm")
+#: those of them that see the filters' maxima
+OF_MAXIMA: tuple[Method, ...] = ("cosfire_svm", "tiled_svm")
 #: those of fine-tuning
 TUNED: tuple[Method, ...] = ("cosfire_tuned", "layer_tuned")
 #: those that compare with examples themselves

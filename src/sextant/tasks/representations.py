@@ -15,10 +15,17 @@ Progress = Callable[[int, int], None]
 
 
 def filter_maxima(
-    filters: Cosfire, images: UInt8[Tensor, "n c h w"], show: Progress = lambda done, total: None
-) -> Float[Tensor, "n f"]:
-    """The strongest response of each filter in each image; worked out where the filters are, told on the processor."""
-    return _in_batches(filters.maxima, images, images_at_once(filters, images), filters.rho.device, show)
+    filters: Cosfire, images: UInt8[Tensor, "n c h w"], show: Progress = lambda done, total: None, *, tiles: int = 1
+) -> Float[Tensor, "n m"]:
+    """The strongest response of each filter in each image, or each of tiles x tiles parts of it.
+
+    Worked out where the filters are, told on the processor.
+    """
+
+    def described(batch: Tensor) -> Tensor:
+        return filters.maxima(batch, tiles)
+
+    return _in_batches(described, images, images_at_once(filters, images), filters.rho.device, show)
 
 
 def feature_maps(

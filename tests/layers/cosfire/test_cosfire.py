@@ -50,13 +50,22 @@ def test_maxima_are_the_largest_responses(case, seed, dtype):
     torch.testing.assert_close(layer.maxima(images), expected, rtol=1e-5 if dtype == torch.float32 else 1e-12, atol=0)
 
 
-@given(layers(), seeds)
-def test_the_loop_of_the_processor_is_the_way_that_has_gradients(case, seed):
+@given(layers(), seeds, st.integers(1, 4))
+def test_the_loop_of_the_processor_is_the_way_that_has_gradients(case, seed, tiles):
     layer, _ = case
     images = random_images(seed, 2, 1, 13, 10)
-    with_gradients = layer.maxima(images.clone().requires_grad_())
+    with_gradients = layer.maxima(images.clone().requires_grad_(), tiles)
     assert with_gradients.requires_grad
-    torch.testing.assert_close(layer.maxima(images), with_gradients.detach(), rtol=1e-11, atol=0)
+    torch.testing.assert_close(layer.maxima(images, tiles), with_gradients.detach(), rtol=1e-11, atol=0)
+
+
+@given(layers(means=MEANS), seeds)
+def test_maxima_of_tiles_are_those_of_parts_of_the_responses(case, seed):
+    layer, _ = case
+    images = random_images(seed, 3, 1, 12, 10)
+    quarters = [rows for half in layer(images).split(6, 2) for rows in half.split(5, 3)]
+    expected = torch.stack([quarter.amax((2, 3)) for quarter in quarters], 2).flatten(1)
+    torch.testing.assert_close(layer.maxima(images, 2), expected, rtol=1e-12, atol=0)
 
 
 @given(layers(means=MEANS), seeds)
@@ -212,6 +221,7 @@ def test_what_is_no_number_stays_so_and_is_never_taken_for_nothing():
     image[..., 20, 20] = float("nan")
     assert layer(image)[0, 0, 21, 21].isnan()
     assert layer.maxima(image).isnan().all()
+    assert layer.maxima(image, 2).isnan().any()
 
 
 @pytest.mark.parametrize(

@@ -133,6 +133,7 @@ class CosfireFamily(Family):
                 tuple(task["prices"]),
                 tuple(task["scalings"]),
                 logarithms=task["logarithms"],
+                tiles=task["tiles"],
                 network_answers=not task["novel_classes"],
                 fine_tuning=FineTuning(**task["fine_tune"]),
             ),

@@ -9,7 +9,7 @@ from sextant.config.schema.places import OffTheShelf, PlaceAugmentation, Toleran
 from sextant.config.schema.splits import BySplit, ImageSide
 
 RecognitionMethod = Literal[
-    "cosfire_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor"
+    "cosfire_svm", "tiled_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network", "descriptor"
 ]
 
 
@@ -148,6 +148,7 @@ class CosfireTask(Node):
         list[Literal["all", "each", "unit"]], Field(min_length=1, examples=["[all]"]), AfterValidator(once)
     ]
     logarithms: bool
+    tiles: Annotated[int, Field(ge=1, le=16)] = Field(examples=[2])
     fine_tune: FineTune
     scenes: SceneChoice | None
     test_every: Count = Field(examples=[1])

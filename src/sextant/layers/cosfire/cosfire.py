@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
@@ -142,11 +143,12 @@ class Cosfire(FilterParts):
             response = response.exp() if response.requires_grad else response.exp_()
         return _from_share(response, response.amax((2, 3)), self.t3) if self.t3 > 0 else response
 
-    def maxima(self, images: Float[Tensor, "b c h w"]) -> Float[Tensor, "b n"]:
+    def maxima(self, images: Float[Tensor, "b c h w"], tiles: int = 1) -> Float[Tensor, "b m"]:
         """The strongest response of each filter anywhere in an image: the feature vector of chapter 6.
 
-        The same numbers as ``forward(images).amax((2, 3))`` up to rounding; without gradients and on a processor the
-        responses are never written to memory.
+        Or in each of ``tiles`` x ``tiles`` parts of the image, row by row, filter after filter: where something is
+        counts then too. The same numbers as ``adaptive_max_pool2d(forward(images), tiles)`` up to rounding; without
+        gradients and on a processor the responses are never written to memory.
 
         Raises:
             UserError: as :meth:`forward`.
@@ -155,9 +157,9 @@ class Cosfire(FilterParts):
         trained = torch.is_grad_enabled() and (images.requires_grad or any(p.requires_grad for p in self.parameters()))
         compiled = images.device.type == "cpu" and images.dtype in (torch.float32, torch.float64)
         if trained or not self._logarithmic or not compiled:
-            return self(images).amax((2, 3))  # type: ignore[no-any-return]
+            return F.adaptive_max_pool2d(self(images), tiles).flatten(1)
         with torch.no_grad():
-            return log_maxima(self._log_maps(images, plan), self._shares(), plan).exp()
+            return log_maxima(self._log_maps(images, plan), self._shares(), plan, tiles).exp()
 
     def keep(self, wanted: Callable[[Tuples], Bool[Tensor, "n"]]) -> Self:
         """Take away the parts of the last filter's prototype that ``wanted`` does not tell to keep, in all its forms.
