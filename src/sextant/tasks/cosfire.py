@@ -180,9 +180,10 @@ class CosfireRecognition(pl.LightningModule):
                 positive = seen[seen > 0]
                 least = positive.min().reshape(1) if len(positive) else torch.ones(1)
                 self.prototypes.keep(**{f"least_{kind}": least})
+        choosing = bool(len(tuning)) and len(self.comparison.prices) * len(self.comparison.scalings) > 1
         for name, machine in self.machines.items():
             known = self._features_of(name, examples.images, of_examples)  # type: ignore[arg-type]
-            held = self._features_of(name, tuning.images, of_tuning) if len(tuning) else known[:0]  # type: ignore[arg-type]
+            held = self._features_of(name, tuning.images, of_tuning) if choosing else known[:0]  # type: ignore[arg-type]
             fitted = self._machine((known, examples.labels), (held, tuning.labels), self.comparison.scalings)
             machine.keep(  # type: ignore[operator]
                 weights=torch.from_numpy(fitted.weights),
@@ -192,7 +193,7 @@ class CosfireRecognition(pl.LightningModule):
             )
         if self.tuned is not None:
             maxima = self._seen_as("maxima", examples.images, of_examples)
-            held = self._seen_as("maxima", tuning.images, of_tuning) if len(tuning) else maxima[:0]
+            held = self._seen_as("maxima", tuning.images, of_tuning) if choosing else maxima[:0]
             self._fine_tune(examples, maxima, (held, tuning.labels))
 
     def _machine(

@@ -77,6 +77,8 @@ def svm_of(
         values.double().numpy() if values.is_floating_point() else values.numpy() for values in examples
     )
     held = tuple(values.double().numpy() if values.is_floating_point() else values.numpy() for values in tuning)
+    if len(prices) * len(scalings) == 1:
+        return LinearSVM.fit(features, labels, count, prices[0], seed, scalings[0])
     rows = np.random.default_rng(seed).permutation(len(labels))[:choose_among]
     few = LinearSVM.choose((features[rows], labels[rows]), held, count, prices, seed, scalings)  # type: ignore[arg-type]
     return few if len(rows) == len(labels) else LinearSVM.fit(features, labels, count, few.c, seed, few.scaling)
