@@ -11,7 +11,7 @@ from numpy import ndarray
 Scaling = Literal["all", "each", "unit"]
 SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
 #: features, from which on a machine is fitted in the dual, and how well: LIBLINEAR's own tolerance
-MANY, TOLERANCE = 1000, 0.1
+MANY, TOLERANCE = 100, 0.1
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class LinearSVM:
         scaled = (features - mean) / deviation
         # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
         basis = np.linalg.qr(scaled.T)[0] if len(features) < features.shape[1] else None
-        # of many numbers the dual problem is several times quicker, even of more images than numbers
+        # of many numbers the dual problem is several times quicker, and as good, even of more images than numbers
         many = basis is None and scaled.shape[1] > MANY
         options = {"dual": True, "tol": TOLERANCE} if many else {"dual": "auto"}
         machine = LinearSVC(C=c, random_state=seed, max_iter=5000, **options)
