@@ -12,6 +12,8 @@ Scaling = Literal["all", "each", "unit"]
 SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
 #: features, from which on a machine is fitted in the dual, and how well: LIBLINEAR's own tolerance
 MANY, TOLERANCE = 100, 0.1
+#: times fewer images than features, from which on features are counted along the images
+FEWER = 2
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,12 @@ class LinearSVM:
         deviation = np.where(differs, deviation, np.inf)
         scaled = (features - mean) / deviation
         # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
-        basis = np.linalg.qr(scaled.T)[0] if len(features) < features.shape[1] else None
+        basis = np.linalg.qr(scaled.T)[0] if FEWER * len(features) < features.shape[1] else None
+        seen = scaled if basis is None else scaled @ basis
         # of many numbers the dual problem is several times quicker, and as good, even of more images than numbers
-        many = basis is None and scaled.shape[1] > MANY
-        options = {"dual": True, "tol": TOLERANCE} if many else {"dual": "auto"}
+        options = {"dual": True, "tol": TOLERANCE} if seen.shape[1] > MANY else {"dual": "auto"}
         machine = LinearSVC(C=c, random_state=seed, max_iter=5000, **options)
-        machine.fit(scaled if basis is None else scaled @ basis, labels)
+        machine.fit(seen, labels)
         found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
         offsets = machine.intercept_ - found @ mean
         if len(present) == 2:  # one machine tells two classes apart
