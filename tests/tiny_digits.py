@@ -11,7 +11,7 @@ from sextant.runs.directory import RunDirectory
 
 #: ten seconds or so
 QUICK = (
-    "task=cosfire", "task.images=200", "task.filters_per_class=2", "task.test_every=4", "task.prices=[0.01,0.1]",
+    "task=cosfire", "task.images=200", "task.filters_per_class=2", "task.test_every=4", "task.prices=[1,10]",
     "trainer.max_epochs=8", "trainer.batch_size=16", "optimizer=adam", "optimizer.lr=0.003", "schedule=constant",
     "trainer.progress=false", "tracking=none",
 )  # fmt: skip

@@ -9,10 +9,11 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 
 Scaling = Literal["all", "each", "unit"]
+#: checkpoints keep their numbers: new ones come last
 SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
-#: features, from which on a machine is fitted in the dual, and how well: LIBLINEAR's own tolerance
-MANY, TOLERANCE = 100, 0.1
-#: times fewer images than features, from which on features are counted along the images
+#: of the dual problem
+TOLERANCE = 0.01
+#: so many times fewer images than features are looked at in the span of the images
 FEWER = 2
 
 
@@ -42,17 +43,17 @@ class LinearSVM:
     ) -> "LinearSVM":
         """Fit to ``labels`` in [0, count); classes of which there is no image never win.
 
-        Features are brought to mean 0 and deviation 1 first, and the weights take that in: errors then cost the same
-        whatever the features' unit.
+        Features are brought to mean 0 and images to a mean squared length of 1 first, and the weights take that in:
+        errors then cost the same whatever the features' unit and number.
 
         Args:
             features, labels: of images.
             count: of classes.
             c: price of an error.
             seed: of the order in which images are gone through.
-            scaling: ``all`` features are divided by one deviation, so that what hardly ever differs stays small; or
-                ``each`` by its own, for features of several units; ``unit``: as ``all``, of images brought to length 1,
-                so that only the direction of their features counts.
+            scaling: ``all`` features are divided by the same number, so that what hardly ever differs stays small; or
+                ``each`` by its own deviation too, for features of several units; ``unit``: as ``all``, of images
+                brought to length 1, so that only the direction of their features counts.
 
         Raises:
             ValueError: all images are of one class.
@@ -66,16 +67,18 @@ class LinearSVM:
         mean, deviation = features.mean(0), features.std(0)
         # what differs by rounding alone would be blown up by its own deviation
         differs = deviation > 1e-6 * np.abs(features).max(0)
-        if scaling != "each":
-            deviation = np.full_like(deviation, np.sqrt(np.square(deviation[differs]).mean()) if differs.any() else 1.0)
+        if not differs.any():
+            deviation = np.ones_like(deviation)
+        elif scaling == "each":
+            deviation = deviation * np.sqrt(differs.sum())
+        else:
+            deviation = np.full_like(deviation, np.sqrt(np.square(deviation[differs]).sum()))
         deviation = np.where(differs, deviation, np.inf)
         scaled = (features - mean) / deviation
         # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
         basis = np.linalg.qr(scaled.T)[0] if FEWER * len(features) < features.shape[1] else None
         seen = scaled if basis is None else scaled @ basis
-        # of many numbers the dual problem is several times quicker, and as good, even of more images than numbers
-        options = {"dual": True, "tol": TOLERANCE} if seen.shape[1] > MANY else {"dual": "auto"}
-        machine = LinearSVC(C=c, random_state=seed, max_iter=5000, **options)
+        machine = LinearSVC(C=c, random_state=seed, max_iter=5000, dual=True, tol=TOLERANCE)
         machine.fit(seen, labels)
         found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
         offsets = machine.intercept_ - found @ mean
@@ -96,11 +99,15 @@ class LinearSVM:
         seed: int = 0,
         scalings: tuple[Scaling, ...] = ("all",),
     ) -> "LinearSVM":
-        """The machine with most right answers on the validation images; of equals the first scaling, lowest price."""
-        machines = [cls.fit(*train, count, c, seed, scaling) for scaling, c in product(scalings, sorted(prices))]
-        if len(machines) == 1:
-            return machines[0]
+        """The machine with most right answers on the validation images; of equals the first scaling, lowest price.
+
+        Raises:
+            ValueError: there is something to choose and no validation image, or all images are of one class.
+        """
         features, labels = validation
+        if not len(labels):
+            raise ValueError("without validation images give one price and one scaling to fit with")
+        machines = [cls.fit(*train, count, c, seed, scaling) for scaling, c in product(scalings, sorted(prices))]
         right = [float((machine.scores(features).argmax(1) == labels).mean()) for machine in machines]
         return machines[int(np.argmax(right))]
 

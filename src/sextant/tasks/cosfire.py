@@ -15,7 +15,7 @@ from numpy import ndarray
 from torch import Tensor, nn
 
 from sextant.baselines.grey import LUMA
-from sextant.baselines.linear_svm import SCALINGS, LinearSVM, Scaling
+from sextant.baselines.linear_svm import SCALINGS, LinearSVM
 from sextant.data.batches import Batch, ImageBatches
 from sextant.data.examples import ExampleData
 from sextant.evaluation import classification_converged
@@ -174,17 +174,17 @@ class CosfireRecognition(pl.LightningModule):
             self.known.keep(images=examples.images[rows], labels=examples.labels[rows])
         of_examples: dict[str, Tensor] = {}
         of_tuning: dict[str, Tensor] = {}
-        for method in OF_MAXIMA:
-            if method in self.machines:
-                seen = self._seen_as(kind := REPRESENTATIONS[method], examples.images, of_examples)
-                positive = seen[seen > 0]
-                least = positive.min().reshape(1) if len(positive) else torch.ones(1)
-                self.prototypes.keep(**{f"least_{kind}": least})
+        for kind in {REPRESENTATIONS[method] for method in OF_MAXIMA if method in self.machines}:
+            maxima = self._seen_as(kind, examples.images, of_examples)
+            positive = maxima[maxima > 0]
+            least = positive.min().reshape(1) if len(positive) else torch.ones(1)
+            self.prototypes.keep(**{f"least_{kind}": least})
         choosing = bool(len(tuning)) and len(self.comparison.prices) * len(self.comparison.scalings) > 1
         for name, machine in self.machines.items():
             known = self._features_of(name, examples.images, of_examples)  # type: ignore[arg-type]
             held = self._features_of(name, tuning.images, of_tuning) if choosing else known[:0]  # type: ignore[arg-type]
-            fitted = self._machine((known, examples.labels), (held, tuning.labels), self.comparison.scalings)
+            logarithmic = self.comparison.logarithms and name in OF_MAXIMA
+            fitted = self._machine((known, examples.labels), (held, tuning.labels), logarithmic=logarithmic)
             machine.keep(  # type: ignore[operator]
                 weights=torch.from_numpy(fitted.weights),
                 bias=torch.from_numpy(fitted.bias),
@@ -197,12 +197,11 @@ class CosfireRecognition(pl.LightningModule):
             self._fine_tune(examples, maxima, (held, tuning.labels))
 
     def _machine(
-        self,
-        examples: tuple[Tensor, Tensor],
-        tuning: tuple[Tensor, Tensor],
-        scalings: tuple[Scaling, ...],
+        self, examples: tuple[Tensor, Tensor], tuning: tuple[Tensor, Tensor], *, logarithmic: bool
     ) -> LinearSVM:
+        """Logarithms have no length that would mean something: of them ``unit`` is no scaling."""
         chosen = self.comparison
+        scalings = tuple(scaling for scaling in chosen.scalings if not (logarithmic and scaling == "unit")) or ("all",)
         return svm_of(examples, tuning, len(self.classes), chosen.prices, scalings, chosen.choose_among, self.seed)
 
     def _fitted(self, method: Method) -> LinearSVM:
@@ -213,9 +212,8 @@ class CosfireRecognition(pl.LightningModule):
     def _fine_tune(self, examples: ImageBatches, maxima: Tensor, held: tuple[Tensor, Tensor]) -> None:
         """Train a copy of the filters on, from the machine of their log-maxima; as a control that machine alone."""
         assert self.tuned is not None
-        # a layer of images brought to length 1 would be no layer
-        scalings = tuple(scaling for scaling in self.comparison.scalings if scaling != "unit") or ("all",)
-        machine = self._machine((log_maxima(maxima), examples.labels), (log_maxima(held[0]), held[1]), scalings)
+        seen = (log_maxima(maxima), examples.labels), (log_maxima(held[0]), held[1])
+        machine = self._machine(*seen, logarithmic=True)
         start = LinearLayer(torch.from_numpy(machine.weights), torch.from_numpy(machine.bias))
         settings = self.comparison.fine_tuning
 

@@ -215,13 +215,21 @@ def test_a_floor_keeps_one_missing_part_from_silencing_the_filter():
     assert heard.min() == pytest.approx(0.01)  # nothing anywhere
 
 
+def test_a_tile_with_less_than_the_share_of_the_strongest_has_nothing():
+    layer = with_parts(DoGBank((1.0,)), [((1.0, 1.0), 0.0, 0.0)], t3=0.9)
+    images = random_images(0, 2, 1, 12, 10)
+    expected = torch.nn.functional.adaptive_max_pool2d(layer(images), 2).flatten(1)
+    assert (expected == 0).any()
+    torch.testing.assert_close(layer.maxima(images, 2), expected)
+
+
 def test_what_is_no_number_stays_so_and_is_never_taken_for_nothing():
     layer = preset("traffic_sign").configure(drawn("tee"))
     image = drawn("tee")
     image[..., 20, 20] = float("nan")
     assert layer(image)[0, 0, 21, 21].isnan()
     assert layer.maxima(image).isnan().all()
-    assert layer.maxima(image, 2).isnan().any()
+    assert layer.maxima(image, 2).isnan().all()
 
 
 @pytest.mark.parametrize(

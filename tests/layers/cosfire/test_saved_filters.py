@@ -136,7 +136,7 @@ def changed(header, *keys, value):
 
 
 HEADERS = [
-    (("version",), 2),
+    (("version",), 1),
     (("bank", "class"), "os"),
     (("bank", "options", "wavelengths"), [1.0]),
     (("bank", "options"), {"command": "rm"}),

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
@@ -28,7 +27,7 @@ from sextant.layers.cosfire.blur import Blur
 from sextant.layers.cosfire.border import Border, padded
 from sextant.layers.cosfire.concentric_circles import ConcentricCircles
 from sextant.layers.cosfire.filter_parts import FilterParts
-from sextant.layers.cosfire.maxima import log_maxima
+from sextant.layers.cosfire.maxima import log_maxima, tile_maxima
 from sextant.layers.cosfire.mean import Mean, safe_log
 from sextant.layers.cosfire.moved_image import moved_image
 from sextant.layers.cosfire.plan import Plan
@@ -148,7 +147,8 @@ class Cosfire(FilterParts):
 
         Or in each of ``tiles`` x ``tiles`` parts of the image, row by row, filter after filter: where something is
         counts then too. The same numbers as ``adaptive_max_pool2d(forward(images), tiles)`` up to rounding; without
-        gradients and on a processor the responses are never written to memory.
+        gradients and on a processor the responses are never written to memory, and one value of an image that is no
+        number leaves it no other.
 
         Raises:
             UserError: as :meth:`forward`.
@@ -156,8 +156,9 @@ class Cosfire(FilterParts):
         plan = self._plan()
         trained = torch.is_grad_enabled() and (images.requires_grad or any(p.requires_grad for p in self.parameters()))
         compiled = images.device.type == "cpu" and images.dtype in (torch.float32, torch.float64)
-        if trained or not self._logarithmic or not compiled:
-            return F.adaptive_max_pool2d(self(images), tiles).flatten(1)
+        cut = tiles > 1 and self.t3 > 0  # a share of the strongest of all tiles
+        if trained or not self._logarithmic or not compiled or cut:
+            return tile_maxima(self(images), tiles)
         with torch.no_grad():
             return log_maxima(self._log_maps(images, plan), self._shares(), plan, tiles).exp()
 

@@ -38,6 +38,13 @@ def log_maxima(
     return torch.from_numpy(found.reshape(len(wide), -1))
 
 
+def tile_maxima(response: Float[Tensor, "b f y x"], tiles: int) -> Float[Tensor, "b m"]:
+    """The largest response in each tile, row by row, filter after filter."""
+    rows, columns = (_tile_ends(size, tiles).tolist() for size in response.shape[2:])
+    found = [response[:, :, top:bottom, left:right].amax((2, 3)) for top, bottom in rows for left, right in columns]
+    return torch.stack(found, 2).flatten(1)
+
+
 def _tile_ends(size: int, tiles: int) -> Int64[ndarray, "tiles 2"]:
     """First pixel of each tile, and the one after its last; where tiles do not fit they share pixels, as in pooling."""
     first = np.arange(tiles) * size // tiles

@@ -26,7 +26,7 @@ from sextant.layers.cosfire.vector_keypoints import VectorKeypoints
 if TYPE_CHECKING:
     from sextant.layers.cosfire.cosfire import Cosfire
 
-KEY, VERSION = "sextant.cosfire", 1
+KEY, VERSION = "sextant.cosfire", 2
 BANKS = {bank.__name__: bank for bank in (GaborBank, DoGBank)}
 STRATEGIES = {strategy.__name__: strategy for strategy in (ChannelPeaks, ConcentricCircles, VectorKeypoints)}
 
