@@ -132,6 +132,7 @@ class CosfireFamily(Family):
                 tuple(task["methods"]),
                 tuple(task["prices"]),
                 tuple(task["scalings"]),
+                choose_among=task["choose_among"],
                 logarithms=task["logarithms"],
                 tiles=task["tiles"],
                 network_answers=not task["novel_classes"],

@@ -147,6 +147,7 @@ class CosfireTask(Node):
     scalings: Annotated[
         list[Literal["all", "each", "unit"]], Field(min_length=1, examples=["[all]"]), AfterValidator(once)
     ]
+    choose_among: Count = Field(examples=[1500])
     logarithms: bool
     tiles: Annotated[int, Field(ge=1, le=16)] = Field(examples=[2])
     fine_tune: FineTune
