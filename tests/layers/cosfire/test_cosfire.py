@@ -223,6 +223,11 @@ def test_a_tile_with_less_than_the_share_of_the_strongest_has_nothing():
     torch.testing.assert_close(layer.maxima(images, 2), expected)
 
 
+def test_no_tiles_are_refused():
+    with pytest.raises(ValueError, match="one tile of a side or more, got 0"):
+        preset("traffic_sign").configure(drawn("tee")).maxima(drawn("tee"), 0)
+
+
 def test_what_is_no_number_stays_so_and_is_never_taken_for_nothing():
     layer = preset("traffic_sign").configure(drawn("tee"))
     image = drawn("tee")

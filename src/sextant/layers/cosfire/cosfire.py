@@ -151,8 +151,11 @@ class Cosfire(FilterParts):
         number leaves it no other.
 
         Raises:
+            ValueError: there is no tile.
             UserError: as :meth:`forward`.
         """
+        if tiles < 1:
+            raise ValueError(f"maxima need one tile of a side or more, got {tiles}")
         plan = self._plan()
         trained = torch.is_grad_enabled() and (images.requires_grad or any(p.requires_grad for p in self.parameters()))
         compiled = images.device.type == "cpu" and images.dtype in (torch.float32, torch.float64)
