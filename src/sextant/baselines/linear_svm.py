@@ -1,5 +1,6 @@
 """A linear support vector machine over feature vectors, one class against the rest."""
 
+import warnings
 from dataclasses import dataclass
 from itertools import product
 from typing import Literal, get_args
@@ -58,6 +59,7 @@ class LinearSVM:
         Raises:
             ValueError: all images are of one class.
         """
+        from sklearn.exceptions import ConvergenceWarning
         from sklearn.svm import LinearSVC
 
         present = np.unique(labels)
@@ -79,7 +81,10 @@ class LinearSVM:
         basis = np.linalg.qr(scaled.T)[0] if FEWER * len(features) < features.shape[1] else None
         seen = scaled if basis is None else scaled @ basis
         machine = LinearSVC(C=c, random_state=seed, max_iter=5000, dual=True, tol=TOLERANCE)
-        machine.fit(seen, labels)
+        with warnings.catch_warnings():
+            # what is left to gain after so many rounds is little, and validation images judge what was reached
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            machine.fit(seen, labels)
         found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
         offsets = machine.intercept_ - found @ mean
         if len(present) == 2:  # one machine tells two classes apart
