@@ -54,6 +54,15 @@ def test_many_images_are_looked_up_in_batches():
     torch.testing.assert_close(found[::7].amax(1), torch.ones(300))
 
 
+def test_one_price_and_one_scaling_need_no_tuning_images():
+    labels = torch.arange(60) % 3
+    features = torch.randn(60, 6, generator=torch.Generator().manual_seed(0))
+    found = svm_of((features, labels), (features[:0], labels[:0]), 3, (10.0,), ("each",), 30, 0)
+    whole = LinearSVM.fit(features.double().numpy(), labels.numpy(), 3, 10.0, scaling="each")
+    np.testing.assert_array_equal(found.weights, whole.weights)
+    assert (found.c, found.scaling) == (10.0, "each")
+
+
 def test_the_price_is_chosen_with_few_examples_and_the_machine_made_of_all():
     generator = torch.Generator().manual_seed(0)
     labels = torch.arange(120) % 3

@@ -174,7 +174,7 @@ class CosfireRecognition(pl.LightningModule):
             self.known.keep(images=examples.images[rows], labels=examples.labels[rows])
         of_examples: dict[str, Tensor] = {}
         of_tuning: dict[str, Tensor] = {}
-        for kind in {REPRESENTATIONS[method] for method in OF_MAXIMA if method in self.machines}:
+        for kind in [REPRESENTATIONS[method] for method in OF_MAXIMA if method in self.machines]:
             maxima = self._seen_as(kind, examples.images, of_examples)
             positive = maxima[maxima > 0]
             least = positive.min().reshape(1) if len(positive) else torch.ones(1)

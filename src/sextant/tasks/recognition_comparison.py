@@ -24,7 +24,7 @@ class Comparison:
     """
 
     methods: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "strongest_filter", *OF_NETWORK)
-    prices: tuple[float, ...] = (0.001, 0.01, 0.1, 1.0)
+    prices: tuple[float, ...] = (1.0, 10.0, 100.0)
     scalings: tuple[Scaling, ...] = SCALINGS
     choose_among: int = 1500
     logarithms: bool = False
