@@ -6,6 +6,7 @@ import torch
 
 from sextant.cli.assemble import build, build_dataset
 from sextant.cli.compose import compose, groups, to_plain
+from sextant.cli.sweep_plan import cell_config, read_design
 from sextant.config import validate
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
@@ -98,6 +99,17 @@ def test_composes_validates_and_builds(group, option):
             build(raw, group)
     elif group not in NOT_BUILT:
         assert build(raw, group) is not None
+
+
+@pytest.mark.parametrize("option", groups()["sweep"])
+def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
+    choice = f"sweep={option}"
+    design = read_design([choice, *NEEDED.get(choice, [])])
+    first = {key: values[0] for key, values in design.factors.items()}
+    settings = [first] + [first | {key: value} for key, values in design.factors.items() for value in values[1:]]
+    for number, setting in enumerate(settings):
+        for arm in design.arms if number == 0 else list(design.arms)[:1]:
+            assert cell_config(design, setting, arm)[2].sweep is not None
 
 
 @pytest.mark.parametrize(("group", "option"), CHOICES)

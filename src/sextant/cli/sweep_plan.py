@@ -65,10 +65,7 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
     for values in itertools.product(*design.factors.values()):
         setting = dict(zip(design.factors, values, strict=True))
         for arm in design.arms:
-            overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
-            raw = to_plain(compose(overrides))
-            config = validate(raw)
-            _check_read(arm, design.definition, config)
+            overrides, raw, config = cell_config(design, setting, arm)
             if first is None:
                 check_environment(raw, config)
                 first = config
@@ -78,6 +75,19 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
     cells = [entry.cell for entry in planned]
     plan = SweepPlan(design.name, design.definition, list(arguments), cells, [], tracking, time.time())
     return plan, planned, first
+
+
+def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[list[str], dict[str, Any], Config]:
+    """The overrides of an arm in a setting, what they compose, and that validated.
+
+    Raises:
+        UserError: the config is wrong, or the arm reads answers that its runs will not have.
+    """
+    overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
+    raw = to_plain(compose(overrides))
+    config = validate(raw)
+    _check_read(arm, design.definition, config)
+    return overrides, raw, config
 
 
 def _over_seeds(
