@@ -135,3 +135,10 @@ def test_without_validation_images_there_is_no_choice():
     features, labels = clusters(1, 30, 4, 3)
     with pytest.raises(ValueError, match="one price and one scaling"):
         LinearSVM.choose((features, labels), (features[:0], labels[:0]), 3, (0.3, 3.0))
+
+
+@pytest.mark.filterwarnings("error")
+def test_classes_known_by_one_image_each_are_told_apart_without_a_warning():
+    features = np.eye(30)
+    machine = LinearSVM.fit(features, np.arange(30), 30)
+    np.testing.assert_array_equal(machine.scores(features).argmax(1), np.arange(30))

@@ -106,6 +106,19 @@ def test_filters_and_prototypes_are_those_of_training_images(usual):
     assert (found["prototypes.own"] > 0).all()
 
 
+def test_own_responses_are_the_same_whether_maxima_of_examples_are_known_or_not(outputs):
+    chosen = ([], ["cosfire_svm"], ["tiled_svm"])
+    runs = [
+        digits_run(outputs, *PLAIN, f"task.methods=[{','.join([*others, 'strongest_filter'])}]", "task.prices=[10]")
+        for others in chosen
+    ]
+    alone, *known = (weights(run)["prototypes.own"] for run in runs)
+    assert (alone > 0).all()
+    assert len(alone.unique()) == 10
+    for own in known:
+        torch.testing.assert_close(own, alone, rtol=1e-5, atol=1e-6)
+
+
 # -- identity, resuming, evaluation ------------------------------------------------------------------------------------
 
 

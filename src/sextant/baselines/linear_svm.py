@@ -84,6 +84,8 @@ class LinearSVM:
         with warnings.catch_warnings():
             # what is left to gain after so many rounds is little, and validation images judge what was reached
             warnings.simplefilter("ignore", ConvergenceWarning)
+            # one image of each class is what some are to be known by
+            warnings.filterwarnings("ignore", "The number of unique classes", UserWarning)
             machine.fit(seen, labels)
         found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
         offsets = machine.intercept_ - found @ mean

@@ -21,7 +21,7 @@ from sextant.data.examples import ExampleData
 from sextant.evaluation import classification_converged
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.models import FeatureMap
-from sextant.tasks.filter_prototypes import Prototypes, PrototypeSettings, configure
+from sextant.tasks.filter_prototypes import Prototypes, PrototypeSettings, configure, own_responses
 from sextant.tasks.fine_tuning import LinearLayer, TunedLayer, fine_tune, log_maxima, tune_layer
 from sextant.tasks.learnt_later import LearntLater
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, nothing_to_optimize, optimizers
@@ -165,7 +165,6 @@ class CosfireRecognition(pl.LightningModule):
             labels=found.labels,
             images=found.images,
             points=found.points,
-            own=found.own,
             pictures=seen[found.images],
         )
         if any(method in self.methods for method in OF_EXAMPLES):
@@ -179,6 +178,7 @@ class CosfireRecognition(pl.LightningModule):
             positive = maxima[maxima > 0]
             least = positive.min().reshape(1) if len(positive) else torch.ones(1)
             self.prototypes.keep(**{f"least_{kind}": least})
+        self.prototypes.keep(own=self._own_responses(found, seen, of_examples))
         choosing = bool(len(tuning)) and len(self.comparison.prices) * len(self.comparison.scalings) > 1
         for name, machine in self.machines.items():
             known = self._features_of(name, examples.images, of_examples)  # type: ignore[arg-type]
@@ -195,6 +195,15 @@ class CosfireRecognition(pl.LightningModule):
             maxima = self._seen_as("maxima", examples.images, of_examples)
             held = self._seen_as("maxima", tuning.images, of_tuning) if choosing else maxima[:0]
             self._fine_tune(examples, maxima, (held, tuning.labels))
+
+    def _own_responses(
+        self, found: Prototypes, seen: UInt8[Tensor, "n c h w"], known: dict[str, Tensor]
+    ) -> Float[Tensor, "f"]:
+        """The strongest response of each filter to its own prototype, from the maxima of all examples if known."""
+        if "maxima" in known or "tiled" in known:
+            maxima = self._seen_as("maxima", seen, known)
+            return maxima[found.images, torch.arange(len(self.filters))]
+        return own_responses(self.filters, seen[found.images])
 
     def _machine(
         self, examples: tuple[Tensor, Tensor], tuning: tuple[Tensor, Tensor], *, logarithmic: bool
@@ -406,7 +415,7 @@ class CosfireRecognition(pl.LightningModule):
     def configured_from(self) -> Prototypes:
         """What the filters were configured from."""
         kept = self.prototypes
-        return Prototypes(*(kept[name].cpu() for name in ("labels", "images", "points", "own")))
+        return Prototypes(*(kept[name].cpu() for name in ("labels", "images", "points")))
 
     @property
     def _data(self) -> ExampleData:

@@ -109,7 +109,7 @@ def _response(
         (place // response.shape[1] + 0.5) * height / response.shape[0] - 0.5,
         score,
     )
-    own = float(kept.own[number])
+    own = float(module.prototypes["own"][number])
     title = f"filter of {module.classes[int(kept.labels[number])]} over a {module.classes[int(labels[row])]}"
     picture = images[row].permute(1, 2, 0).numpy()
     return cosfire_responses(

@@ -40,13 +40,11 @@ class Prototypes:
         labels: class of each filter.
         images: which example.
         points: x and y in it.
-        own: each filter's strongest response to its own prototype.
     """
 
     labels: Int64[Tensor, "f"]
     images: Int64[Tensor, "f"]
     points: Float[Tensor, "f 2"]
-    own: Float[Tensor, "f"]
 
 
 def configure(
@@ -70,8 +68,7 @@ def configure(
             for turn in range(settings.per_class)
         ]
     number, image, x, y = (torch.tensor(column) for column in zip(*chosen, strict=True))
-    own = own_responses(filters, images[image])
-    return Prototypes(number, image, torch.stack([x, y], 1), own)
+    return Prototypes(number, image, torch.stack([x, y], 1))
 
 
 def own_responses(filters: Cosfire, images: UInt8[Tensor, "f c h w"]) -> Float[Tensor, "f"]:
