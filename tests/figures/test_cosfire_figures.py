@@ -10,7 +10,6 @@ from matplotlib.patches import Circle, Rectangle
 
 from sextant.figures.cosfire_filter import AROUND, BAR_LENGTH, cosfire_filter
 from sextant.figures.cosfire_responses import cosfire_responses
-from sextant.figures.few_shot_curves import few_shot_curves
 from sextant.figures.recognition_errors import recognition_errors
 from sextant.figures.style import COLOURS, save_figure
 from sextant.layers.cosfire import (
@@ -145,26 +144,6 @@ def test_images_of_any_kind_and_nothing_found(shape):
     figure = cosfire_responses(np.zeros(shape, np.uint8), np.zeros((8, 9), np.float32))
     assert figure.axes[2].get_title() == "0 found"
     assert not figure.axes[1].images[1].get_alpha().any()
-
-
-def test_few_shot_curves_have_bands_and_a_legend_best_first():
-    examples, worse, better = np.array([1, 5, 20]), np.array([0.5, 0.6, 0.7]), np.array([0.4, 0.7, np.nan])
-    (axes,) = few_shot_curves(
-        examples, {"svm": worse, "cosfire": better}, {"svm": (worse - 0.1, worse + 0.1)}, title="digits"
-    ).axes
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["svm", "cosfire"]
-    np.testing.assert_allclose(axes.lines[0].get_xydata(), [[1, 50], [5, 60], [20, 70]])
-    np.testing.assert_allclose(axes.lines[1].get_xydata(), [[1, 40], [5, 70]])
-    assert [to_hex(line.get_color()) for line in axes.lines] == [COLOURS[0].lower(), COLOURS[1].lower()]
-    (band,) = axes.collections
-    assert band.get_paths()[0].vertices[:, 1].max() == pytest.approx(80)
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "5", "20"]
-
-
-@pytest.mark.parametrize(("examples", "accuracy"), [([1], {}), ([5, 1], {"a": [0.1, 0.2]}), ([0], {"a": [0.1]})])
-def test_what_no_curve_can_be_drawn_of_is_refused(examples, accuracy):
-    with pytest.raises(ValueError, match=r"at least one method|ascend"):
-        few_shot_curves(np.array(examples), {name: np.array(values) for name, values in accuracy.items()})
 
 
 def test_errors_are_shown_with_truth_and_answer():

@@ -14,7 +14,7 @@ from sextant.reports.measure import CALIBRATION_ERRORS
 from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
-from sextant.reports.tables import TextTable, interval, number
+from sextant.reports.tables import TextTable, interval, is_number, number
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.sweep_directory import Cell, SweepPlan
 
@@ -157,6 +157,7 @@ def test_tables_and_numbers():
     assert table.csv() == "a|b,c\n1 %,x_y\n"
     assert "1 \\% & x\\_y \\\\" in table.latex()
     assert [number(1.005, sign=True), number(float("nan")), interval(-1, 2, 1)] == ["+1.00", "–", "[-1.0, 2.0]"]
+    assert [is_number(text) for text in ("1", "-2e3", "nan", "inf", "[1]", "")] == [True, True, *[False] * 4]
 
 
 def test_runs_of_calibration_are_compared_by_median_errors(tmp_path):

@@ -14,13 +14,14 @@ from sextant.figures.style import save_figure
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
+from sextant.reports.factor_report import factor_section
 from sextant.reports.metrics_report import metrics_section
 from sextant.reports.particles_report import particles_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
 from sextant.reports.summary import Summary, summarise
-from sextant.reports.tables import TextTable, interval, number, slug
+from sextant.reports.tables import TextTable, interval, is_number, number, slug
 
 
 def write_report(results: SweepResults) -> list[Path]:
@@ -36,6 +37,7 @@ def write_report(results: SweepResults) -> list[Path]:
     summaries, rows = summarise(results), contrasts(results)
     cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
     sections = [
+        factor_section(results, summaries),
         *(corruption_section(results), particles_section(results)),
         *(metrics_section(results), cost_section(results)),
     ]
@@ -216,17 +218,9 @@ def _levels(conditions: list[str]) -> dict[str, list[float]]:
     levels: dict[str, list[float]] = {}
     for key in conditions:
         corruption, _, level = key.rpartition("/")
-        if corruption and _is_number(level):  # the name of a drive may have a stroke in it
+        if corruption and is_number(level):  # the name of a drive may have a stroke in it
             levels.setdefault(corruption, []).append(float(level))
     return levels
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _names(rows: list[ContrastRow]) -> list[str]:

@@ -1,0 +1,93 @@
+"""A measure against a factor of an experiment: examples a class, filters, a learning rate."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy import ndarray
+
+from sextant.figures.style import COLOURS, new_figure, plain
+
+#: the factor's axis is logarithmic from this ratio of its largest to its smallest value on
+DECADE = 10
+LINES = ("-", "--", ":")
+COLUMNS = 3
+
+
+@dataclass(frozen=True)
+class FactorCurve:
+    """A measure of one arm at each value of the factor; nan where it was not tried.
+
+    Attributes:
+        values: in the unit of the measure.
+        low, high: ends of their intervals; nan where there is none.
+    """
+
+    values: Float[ndarray, " k"]
+    low: Float[ndarray, " k"]
+    high: Float[ndarray, " k"]
+
+
+def factor_curves(
+    factor: str,
+    levels: Float[ndarray, " k"],
+    panels: Mapping[str, Mapping[str, FactorCurve]],
+    *,
+    quantity: str,
+    title: str = "",
+) -> Figure:
+    """One panel a condition, one line an arm with its intervals; in the legend the line that ends highest comes first.
+
+    Args:
+        factor: on the horizontal axis, logarithmic if values are above 0 and far apart.
+        levels: its values, ascending.
+        panels: curves by condition, then by arm; the same arms in each.
+        quantity: what is measured, with its unit.
+        title: of the whole, such as what the other factors are.
+
+    Raises:
+        ValueError: there is no curve, or levels do not ascend.
+    """
+    if not any(panels.values()):
+        raise ValueError("the figure needs at least one curve")
+    if len(levels) == 0 or (np.diff(levels) <= 0).any():
+        raise ValueError(f"values of {factor} must ascend, got {levels.tolist()}")
+    columns = min(COLUMNS, len(panels))
+    figure, axes = new_figure(
+        1.6 + 4.2 * columns, 3.8 * math.ceil(len(panels) / columns), -(-len(panels) // columns), columns
+    )
+    arms = list(dict.fromkeys(arm for curves in panels.values() for arm in curves))
+    for one, (condition, curves) in zip(axes, panels.items(), strict=False):
+        _draw(one, levels, curves, arms)
+        one.set(xlabel=factor, ylabel=quantity)
+        one.set_title(condition if len(panels) > 1 else "", fontsize=9)
+    for unused in axes[len(panels) :]:
+        unused.remove()
+    handles, names = axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, frameon=False, fontsize=8, loc="outside right center")
+    figure.suptitle(title, fontsize=9)
+    return figure
+
+
+def _draw(axes: Axes, levels: Float[ndarray, " k"], curves: Mapping[str, FactorCurve], arms: Sequence[str]) -> None:
+    for arm in sorted(curves, key=lambda arm: _last(curves[arm]), reverse=True):
+        curve, place = curves[arm], arms.index(arm)
+        colour, line = COLOURS[place % len(COLOURS)], LINES[place // len(COLOURS) % len(LINES)]
+        there = ~np.isnan(curve.values)
+        axes.plot(levels[there], curve.values[there], line, marker="o", markersize=4, color=colour, label=arm)
+        axes.fill_between(levels[there], curve.low[there], curve.high[there], color=colour, alpha=0.15, linewidth=0)
+    if levels[0] > 0 and levels[-1] >= DECADE * levels[0]:
+        axes.set_xscale("log")
+        axes.minorticks_off()
+    axes.set_xticks(levels, [f"{level:,g}" for level in levels])
+    plain(axes)
+
+
+def _last(curve: FactorCurve) -> float:
+    """The measure at the largest value of the factor that the arm was tried with."""
+    there = curve.values[~np.isnan(curve.values)]
+    return float(there[-1]) if len(there) else -math.inf

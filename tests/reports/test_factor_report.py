@@ -1,0 +1,62 @@
+"""Curves of made-up runs over factors that are numbers."""
+
+import numpy as np
+import pytest
+
+from sextant.atomic_files import write_json
+from sextant.reports.factor_report import factor_section, numeric_factors
+from sextant.reports.results import load_results
+from sextant.reports.summary import summarise
+from sextant.reports.sweep_report import write_report
+from sextant.runs.directory import RunDirectory
+from sextant.runs.sweep_directory import Cell, SweepPlan
+
+LABELS = np.arange(100) % 10
+
+
+def swept(folder, factors_of):
+    """Runs of two arms in each setting; number ``n`` gets ``50 + 10 n`` per cent, the second arm 5 more."""
+    cells = []
+    for number, factors in enumerate(factors_of):
+        for arm, more in (("a", 0), ("b", 5)):
+            for seed in (0, 1):
+                run = RunDirectory(folder / "runs" / "classification" / f"{number}{arm}-s{seed}")
+                cells.append(Cell(factors, arm, seed, seed, f"{number}{arm}", run.path.relative_to(folder).as_posix()))
+                right = np.arange(100) < 50 + 10 * number + more
+                run.path.mkdir(parents=True)
+                np.savez_compressed(run.arrays, labels=LABELS, clean=np.where(right, LABELS, (LABELS + 1) % 10))
+                told = {"outcome": "finished", "metrics": {}, "timing": {"fit_s": 1.0}, "parameters": 7}
+                write_json(run.metrics, told)
+    return load_results(SweepPlan("made_up", {}, ["sweep=made_up"], cells).write(folder), folder)
+
+
+def test_a_line_an_arm_over_the_values_in_their_order(tmp_path):
+    results = swept(tmp_path, [{"task.examples": "20"}, {"task.examples": "1"}, {"task.examples": "5"}])
+    section = factor_section(results, summarise(results))
+    ((name, figure),) = section.figures
+    assert name == "curve_task.examples"
+    assert "## By task.examples" in section.text
+    assert "(curve_task.examples.png)" in section.text
+    (axes,) = figure.axes
+    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    np.testing.assert_allclose(lines["a"], [[1, 60], [5, 70], [20, 50]])
+    np.testing.assert_allclose(lines["b"], [[1, 65], [5, 75], [20, 55]])
+    assert axes.get_ylabel() == "accuracy (%)"
+    names = {path.name for path in write_report(results)}
+    assert {"curve_task.examples.png", "curve_task.examples.svg"} <= names
+
+
+def test_a_picture_for_each_setting_of_the_other_factors(tmp_path):
+    results = swept(tmp_path, [{"net": net, "k": k} for net in ("x", "y") for k in ("1", "2.5")])
+    assert numeric_factors(results) == ["k"]
+    made = dict(factor_section(results, summarise(results)).figures)
+    assert list(made) == ["curve_k_x", "curve_k_y"]
+    assert made["curve_k_y"].get_suptitle() == "y"
+    np.testing.assert_allclose(made["curve_k_y"].axes[0].lines[1].get_xydata(), [[1, 70], [2.5, 80]])
+
+
+@pytest.mark.parametrize("values", [["1"], ["1", "null"], ["[a]", "[b]"], ["1", "nan"]])
+def test_nothing_without_a_factor_of_numbers(tmp_path, values):
+    results = swept(tmp_path, [{"f": value} for value in values])
+    section = factor_section(results, summarise(results))
+    assert (section.text, list(section.figures)) == ("", [])
