@@ -6,8 +6,10 @@ import torch
 
 from sextant.cli.assemble import build, build_dataset
 from sextant.cli.compose import compose, groups, to_plain
+from sextant.cli.families.cosfire_checks import check_parts
 from sextant.cli.sweep_plan import cell_config, read_design
 from sextant.config import validate
+from sextant.config.schema import CosfireTask
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
@@ -36,7 +38,8 @@ LOCALIZATION = ("descriptor", "observation", "kernel", "likelihood", "motion", "
 NEEDED |= {group: ["task=localization"] for group in LOCALIZATION}
 NEEDED |= {group: ["task=cosfire"] for group in ("features", "bank", "strategy", "filters")}
 NEEDED |= {
-    **{key: ["features.run=gone"] for key in ("experiment=cosfire_places", "sweep=cosfire_places")},
+    "experiment=cosfire_places": ["features.run=gone"],
+    "sweep=cosfire_places": ["features.run=gone", "descriptor=run", "descriptor.run=gone"],
     "bank=gabor": ["task=cosfire", "strategy=circles"],
     "bank=dog": ["task=cosfire", "strategy=circles"],
     "bank=channels": ["task=cosfire", "strategy=channel_peaks"],
@@ -109,7 +112,9 @@ def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
     settings = [first] + [first | {key: value} for key, values in design.factors.items() for value in values[1:]]
     for number, setting in enumerate(settings):
         for arm in design.arms if number == 0 else list(design.arms)[:1]:
-            assert cell_config(design, setting, arm)[2].sweep is not None
+            config = cell_config(design, setting, arm)[2]
+            if isinstance(config.task, CosfireTask):
+                check_parts(config, config.task)
 
 
 @pytest.mark.parametrize(("group", "option"), CHOICES)

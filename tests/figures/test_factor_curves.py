@@ -17,7 +17,7 @@ def test_lines_have_bands_and_the_one_that_ends_highest_is_first_in_the_legend()
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["cosfire", "svm"]
     cosfire, svm = axes.lines
     np.testing.assert_allclose(svm.get_xydata(), [[1, 50], [5, 60], [20, 70]])
-    np.testing.assert_allclose(cosfire.get_xydata(), [[1, 40], [5, 75]])
+    np.testing.assert_allclose(cosfire.get_xydata(), [[1, 40], [5, 75], [20, np.nan]])
     assert [to_hex(line.get_color()) for line in (svm, cosfire)] == [COLOURS[0].lower(), COLOURS[1].lower()]
     assert axes.collections[1].get_paths()[0].vertices[:, 1].max() == pytest.approx(80)
     assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "5", "20"]
@@ -31,6 +31,21 @@ def test_a_panel_a_condition_and_more_arms_than_colours():
     looks = {(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines}
     assert len(looks) == 9
     assert figure.axes[0].get_xscale() == "linear"
+
+
+@pytest.mark.parametrize(
+    ("levels", "scale"),
+    [([1, 10, 100], "log"), ([0, 1e-5, 1e-2], "symlog"), ([1, 2, 3], "linear"), ([-1, 1, 20], "linear")],
+)
+def test_values_that_are_far_apart_are_on_a_logarithmic_axis(levels, scale):
+    (axes,) = factor_curves("f", np.array(levels, float), {"test": {"a": WORSE}}, quantity="x").axes
+    assert axes.get_xscale() == scale
+
+
+def test_wide_intervals_are_cut_off_rather_than_flatten_the_lines():
+    wide = FactorCurve(np.array([98.0, 98.5, 99]), np.full(3, 60.0), np.full(3, 130.0))
+    (axes,) = factor_curves("f", np.array([1.0, 2, 3]), {"test": {"a": wide}}, quantity="x").axes
+    assert axes.get_ylim() == pytest.approx((98 - 0.15, 99 + 0.15))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Curves of made-up runs over factors that are numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,9 +52,26 @@ def test_a_picture_for_each_setting_of_the_other_factors(tmp_path):
     results = swept(tmp_path, [{"net": net, "k": k} for net in ("x", "y") for k in ("1", "2.5")])
     assert numeric_factors(results) == ["k"]
     made = dict(factor_section(results, summarise(results)).figures)
-    assert list(made) == ["curve_k_x", "curve_k_y"]
-    assert made["curve_k_y"].get_suptitle() == "y"
-    np.testing.assert_allclose(made["curve_k_y"].axes[0].lines[1].get_xydata(), [[1, 70], [2.5, 80]])
+    assert list(made) == ["curve_k_net_x", "curve_k_net_y"]
+    assert made["curve_k_net_y"].get_suptitle() == "net=y"
+    np.testing.assert_allclose(made["curve_k_net_y"].axes[0].lines[1].get_xydata(), [[1, 70], [2.5, 80]])
+
+
+def test_a_line_breaks_where_nothing_converged_and_a_setting_without_runs_has_no_picture(tmp_path):
+    settings = [{"net": net, "k": k} for net in ("x", "y") for k in ("1", "2", "3")]
+    results = swept(tmp_path, settings)
+    lost = [
+        replace(result, outcome="failed", values={})
+        if result.cell.factors["net"] == "y" or (result.cell.factors["k"], result.cell.arm) == ("2", "a")
+        else result
+        for result in results.cells
+    ]
+    results = replace(results, cells=lost)
+    ((name, figure),) = factor_section(results, summarise(results)).figures
+    assert name == "curve_k_net_x"
+    lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
+    np.testing.assert_allclose(lines["a"], [50, np.nan, 70])
+    np.testing.assert_allclose(lines["b"], [55, 65, 75])
 
 
 @pytest.mark.parametrize("values", [["1"], ["1", "null"], ["[a]", "[b]"], ["1", "nan"]])

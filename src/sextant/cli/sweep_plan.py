@@ -14,6 +14,7 @@ from hydra.errors import HydraException
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import run_key
 from sextant.cli.families import family_of
+from sextant.cli.families.cosfire_checks import answering_with_parts
 from sextant.cli.train import check_environment
 from sextant.config import Config, validate
 from sextant.config.schema import CosfireTask
@@ -138,10 +139,13 @@ def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None
     reads = definition.get("arms", {}).get(arm, {}).get("reads")
     if reads is None:
         return
-    known = config.task.answering() if isinstance(config.task, CosfireTask) else []
+    known = answering_with_parts(config, config.task) if isinstance(config.task, CosfireTask) else []
     if reads not in known:
         told = f"its runs have those of {', '.join(known)}" if known else f"task={config.task.name} has one method"
-        raise UserError(f"sweep.arms.{arm}.reads={reads}: {told}", "Name one of them, or add it to task.methods.")
+        raise UserError(
+            f"sweep.arms.{arm}.reads={reads}: {told}",
+            "Name one of them, or add it to task.methods and what it needs to the run: a network, descriptor=run:<id>.",
+        )
 
 
 def _seeds(given: list[str] | None, default: list[int]) -> list[int]:

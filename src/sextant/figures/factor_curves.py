@@ -15,6 +15,8 @@ from sextant.figures.style import COLOURS, new_figure, plain
 #: the factor's axis is logarithmic from this ratio of its largest to its smallest value on
 DECADE = 10
 LINES = ("-", "--", ":")
+#: above and below the lines, as a share of what they span; intervals are cut off there
+ROOM = 0.15
 COLUMNS = 3
 
 
@@ -40,10 +42,12 @@ def factor_curves(
     quantity: str,
     title: str = "",
 ) -> Figure:
-    """One panel a condition, one line an arm with its intervals; in the legend the line that ends highest comes first.
+    """One panel a condition, one line an arm with its intervals.
+
+    In the legend the line that ends highest in the first panel comes first.
 
     Args:
-        factor: on the horizontal axis, logarithmic if values are above 0 and far apart.
+        factor: on the horizontal axis, logarithmic if values are far apart and none is below 0.
         levels: its values, ascending.
         panels: curves by condition, then by arm; the same arms in each.
         quantity: what is measured, with its unit.
@@ -77,11 +81,19 @@ def _draw(axes: Axes, levels: Float[ndarray, " k"], curves: Mapping[str, FactorC
     for arm in sorted(curves, key=lambda arm: _last(curves[arm]), reverse=True):
         curve, place = curves[arm], arms.index(arm)
         colour, line = COLOURS[place % len(COLOURS)], LINES[place // len(COLOURS) % len(LINES)]
-        there = ~np.isnan(curve.values)
-        axes.plot(levels[there], curve.values[there], line, marker="o", markersize=4, color=colour, label=arm)
-        axes.fill_between(levels[there], curve.low[there], curve.high[there], color=colour, alpha=0.15, linewidth=0)
-    if levels[0] > 0 and levels[-1] >= DECADE * levels[0]:
-        axes.set_xscale("log")
+        axes.plot(levels, curve.values, line, marker="o", markersize=4, color=colour, label=arm)
+        axes.fill_between(levels, curve.low, curve.high, color=colour, alpha=0.15, linewidth=0)
+    values = np.concatenate([curve.values for curve in curves.values()])
+    if np.isfinite(values).any():  # intervals of two or three seeds may be wider than all that is to be seen
+        least, most = np.nanmin(values), np.nanmax(values)
+        margin = ROOM * (most - least) or 1.0
+        axes.set_ylim(least - margin, most + margin)
+    positive = levels[levels > 0]
+    if levels[0] >= 0 and positive[-1] >= DECADE * positive[0]:
+        if len(positive) == len(levels):
+            axes.set_xscale("log")
+        else:
+            axes.set_xscale("symlog", linthresh=positive[0])
         axes.minorticks_off()
     axes.set_xticks(levels, [f"{level:,g}" for level in levels])
     plain(axes)

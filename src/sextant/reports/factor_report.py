@@ -15,11 +15,16 @@ from sextant.reports.tables import is_number, slug
 def factor_section(results: SweepResults, summaries: Sequence[Summary]) -> Section:
     """A picture for each such factor and setting of the others; empty without one."""
     figures, parts = [], []
+    measure = results.measure
+    legend = (
+        f"Means over converged seeds with their 95 % intervals, {measure.better} is better; a line breaks where "
+        "no run of an arm converged.\n"
+    )
     for factor in numeric_factors(results):
-        made = list(_figures(results, summaries, factor))
-        figures += made
-        pictures = [f"![{results.measure.quantity} by {factor}]({name}.png)\n" for name, _ in made]
-        parts += [f"## By {factor}\n", "Means over converged seeds with their 95 % intervals.\n", *pictures]
+        parts += [f"## By {factor}\n", legend]
+        for name, others, figure in _figures(results, summaries, factor):
+            figures.append((name, figure))
+            parts.append(f"![{measure.quantity} by {factor}{', ' if others else ''}{others}]({name}.png)\n")
     return Section("\n".join(parts), figures=figures)
 
 
@@ -33,12 +38,13 @@ def numeric_factors(results: SweepResults) -> list[str]:
     return found
 
 
-def _figures(results: SweepResults, summaries: Sequence[Summary], factor: str) -> Iterator[tuple[str, Figure]]:
+def _figures(results: SweepResults, summaries: Sequence[Summary], factor: str) -> Iterator[tuple[str, str, Figure]]:
+    """The name of each picture, what the other factors are there, and the picture."""
     factors_of = {result.cell.setting: result.cell.factors for result in results.cells}
     row_of = {(row.setting, row.arm, row.condition): row for row in summaries}
     settings: dict[str, dict[float, str]] = {}
     for setting, factors in factors_of.items():
-        others = ", ".join(value for key, value in factors.items() if key != factor)
+        others = ", ".join(f"{key}={value}" for key, value in factors.items() if key != factor)
         settings.setdefault(others, {})[float(factors[factor])] = setting
     for others, by_level in settings.items():
         levels = sorted(by_level)
@@ -48,8 +54,10 @@ def _figures(results: SweepResults, summaries: Sequence[Summary], factor: str) -
             }
             for condition in results.conditions
         }
-        name = "_".join(["curve", slug(factor), *([slug(others)] if others else [])])
-        yield name, factor_curves(factor, np.array(levels), panels, quantity=_quantity(results), title=others)
+        if any(np.isfinite(curve.values).any() for curves in panels.values() for curve in curves.values()):
+            name = slug("_".join(["curve", factor, *([others] if others else [])]))
+            figure = factor_curves(factor, np.array(levels), panels, quantity=_quantity(results), title=others)
+            yield name, others, figure
 
 
 def _curve(rows: Sequence[Summary]) -> FactorCurve:
@@ -58,5 +66,5 @@ def _curve(rows: Sequence[Summary]) -> FactorCurve:
 
 def _quantity(results: SweepResults) -> str:
     """What the numbers of the table are, in a word and its unit."""
-    unit = " (%)" if "per cent" in results.measure.title else ""
-    return f"{results.measure.quantity}{unit}"
+    measure = results.measure
+    return f"{measure.quantity} ({measure.unit})" if measure.unit else measure.quantity

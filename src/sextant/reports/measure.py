@@ -23,6 +23,7 @@ class Measure:
     Attributes:
         title: heading of the table of cells.
         quantity: what the values are, in a word.
+        unit: of all of them, such as ``%``; empty if conditions have units of their own.
         difference: what a contrast is in.
         statistic: of the images of a run. Means of images can be compared image by image; medians only run by run.
         better: direction.
@@ -39,6 +40,7 @@ class Measure:
     statistic: Literal["mean", "median"]
     better: Literal["higher", "lower"]
     diverged: str
+    unit: str = "%"
     digits: int = 2
     items: str = "images"
     metrics: tuple[str, ...] = ()
@@ -78,6 +80,7 @@ CALIBRATION = Measure(
     "median",
     "lower",
     "its median bearing error on the validation split is above 0.8 of that of a constant camera",
+    unit="",
     digits=3,
 )
 RECALL = Measure(

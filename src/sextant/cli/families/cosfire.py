@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class CosfireFamily(Family):
     """See :class:`~sextant.tasks.cosfire.CosfireRecognition`."""
 
-    evaluation_example = "dataset=image_folder dataset.folder=<folder>"
+    evaluation_example = "dataset=mnist"
     sweep_example = "seed=0,1,2 bank=gabor,vectors"
     test_settings = ("test_every",)
 

@@ -21,17 +21,23 @@ def check_parts(config: Config, task: CosfireTask) -> None:
             "no backbone and no features.run: bank looks at the feature map of a network",
             "Choose a backbone, features=run:<id>, or bank=gabor.",
         )
-    lacking = {
-        "network": config.backbone is None or trained_before or bool(task.novel_classes),
-        "descriptor": config.descriptor is None,
-        **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), config.backbone is None and not trained_before),
-    }
-    if all(lacking.get(method, False) for method in task.answering()):
+    if not answering_with_parts(config, task):
         raise UserError(
             f"task.methods=[{', '.join(task.methods)}]: this run has none of what these need: a network (of its own "
             "and of the classes that are tested for method network), or a descriptor",
             "Add cosfire_svm or strongest_filter.",
         )
+
+
+def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
+    """The methods that answer, without those for which this run lacks a network or a descriptor."""
+    trained_before = config.features is not None and config.features.run is not None
+    lacking = {
+        "network": config.backbone is None or trained_before or bool(task.novel_classes),
+        "descriptor": config.descriptor is None,
+        **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), config.backbone is None and not trained_before),
+    }
+    return [method for method in task.answering() if not lacking.get(method, False)]
 
 
 def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
