@@ -1,6 +1,6 @@
 """Responses of filters from the blurred maps of a bank: shift, weigh, put together."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import reduce
 
 import torch
@@ -26,12 +26,12 @@ def log_responses(
     if torch.is_grad_enabled() and (wide.requires_grad or weights.requires_grad):
         yield from _differentiable_log_responses(wide, weights, plan)
         return
-    numbers = weights.tolist()
-    total = torch.empty_like(_seen_by(0, wide, plan), memory_format=torch.contiguous_format)
+    maps, numbers = wide.unbind(1), weights.tolist()
+    total = torch.empty_like(_seen_by(0, maps, plan), memory_format=torch.contiguous_format)
     for own in plan.parts:
-        torch.mul(_seen_by(own[0], wide, plan), numbers[own[0]], out=total)
+        torch.mul(_seen_by(own[0], maps, plan), numbers[own[0]], out=total)
         for part in own[1:]:
-            total.add_(_seen_by(part, wide, plan), alpha=numbers[part])
+            total.add_(_seen_by(part, maps, plan), alpha=numbers[part])
         yield total
 
 
@@ -39,8 +39,9 @@ def whole_responses(
     wide: Float[Tensor, "b u H W"], weights: Float[Tensor, "n"], plan: Plan, mean: Mean
 ) -> Iterator[Float[Tensor, "b h w"]]:
     """Any mean of maps shifted by whole pixels; ``wide`` as in :func:`log_responses`, but the maps themselves."""
+    maps = wide.unbind(1)
     for own in plan.parts:
-        parts = torch.stack([_seen_by(part, wide, plan) for part in own])
+        parts = torch.stack([_seen_by(part, maps, plan) for part in own])
         yield weighted_mean(parts, weights[own.start : own.stop], mean)
 
 
@@ -62,14 +63,14 @@ def bilinear_responses(
     height, width = maps.shape[-2:]
     across, down = offsets(rho, phi)
     margin = int(torch.cat([across, down]).detach().abs().max()) + 2
-    wide = padded(maps, margin, border, fill)
+    wide = padded(maps, margin, border, fill).unbind(1)
     for own in plan.parts:
         parts = []
         for part in own:
             left, top = torch.floor(across[part].detach()), torch.floor(down[part].detach())
             x_share, y_share = (across[part] - left).to(maps), (down[part] - top).to(maps)
             x, y = margin + int(left), margin + int(top)
-            source = wide[:, plan.source[part], y : y + height + 1, x : x + width + 1]
+            source = wide[plan.source[part]][:, y : y + height + 1, x : x + width + 1]
             rows = source[..., :-1] * (1 - x_share) + source[..., 1:] * x_share
             parts.append(rows[:, :-1] * (1 - y_share) + rows[:, 1:] * y_share)
         yield weighted_mean(torch.stack(parts), weights[own.start : own.stop], mean)
@@ -78,15 +79,19 @@ def bilinear_responses(
 def _differentiable_log_responses(wide: Tensor, weights: Tensor, plan: Plan) -> Iterator[Tensor]:
     """As :func:`log_responses`; where a part is absent all gradients are 0, not 0 times infinity."""
     absent = torch.isneginf(wide)
-    finite = wide.masked_fill(absent, 0.0)
+    finite, missing, numbers = wide.masked_fill(absent, 0.0).unbind(1), absent.unbind(1), weights.unbind(0)
     for own in plan.parts:
-        total = reduce(torch.add, [_seen_by(part, finite, plan) * weights[part] for part in own])
-        missing = reduce(torch.logical_or, [_seen_by(part, absent, plan) for part in own])
-        yield total.masked_fill(missing, -torch.inf)
+        total = reduce(torch.add, [_seen_by(part, finite, plan) * numbers[part] for part in own])
+        nothing = reduce(torch.logical_or, [_seen_by(part, missing, plan) for part in own])
+        yield total.masked_fill(nothing, -torch.inf)
 
 
-def _seen_by(part: int, wide: Tensor, plan: Plan) -> Tensor:
-    """What a part sees from each pixel (b, h, w): its map, shifted."""
-    height, width = (size - 2 * plan.margin for size in wide.shape[-2:])
+def _seen_by(part: int, maps: Sequence[Tensor], plan: Plan) -> Tensor:
+    """What a part sees from each pixel (b, h, w): its map, shifted.
+
+    Maps come apart, by ``unbind``: a gradient of a part of one tensor of all would be as large as that tensor.
+    """
+    seen = maps[plan.source[part]]
+    height, width = (size - 2 * plan.margin for size in seen.shape[-2:])
     top, left = plan.margin + plan.dy[part], plan.margin + plan.dx[part]
-    return wide[:, plan.source[part], top : top + height, left : left + width]
+    return seen[:, top : top + height, left : left + width]
