@@ -372,11 +372,21 @@ def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_pat
         (["corruption=gaussian"], "corruption: task=cosfire tests images as they are"),
         (["dataset=town_seasons"], "of places it needs task.scenes"),
         (["task.least_parts=50", "task.images=120", "trainer.max_epochs=1"], "Lower task.least_parts"),
+        (
+            ["task.least_parts=50", "task.images=120", "trainer.max_epochs=1", "optimizer.lr=1e-9"],
+            "; the network has learnt little, its validation accuracy is",
+        ),
     ],
 )
 def test_mistakes_are_told(tmp_path, overrides, says):
     with pytest.raises(UserError, match=re.escape(says)):
         execute(digits_config(tmp_path, *overrides))
+
+
+def test_no_network_is_blamed_where_there_is_none(tmp_path):
+    with pytest.raises(UserError, match="could be configured") as told:
+        execute(digits_config(tmp_path, *PLAIN, "task.least_parts=5000"))
+    assert "network" not in str(told.value)
 
 
 def test_a_run_of_a_task_without_a_feature_map(usual, outputs):

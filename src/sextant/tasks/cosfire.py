@@ -18,6 +18,7 @@ from sextant.baselines.grey import LUMA
 from sextant.baselines.linear_svm import SCALINGS, LinearSVM
 from sextant.data.batches import Batch, ImageBatches
 from sextant.data.examples import ExampleData
+from sextant.errors import UserError
 from sextant.evaluation import classification_converged
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.models import FeatureMap
@@ -160,7 +161,10 @@ class CosfireRecognition(pl.LightningModule):
         generator = torch.Generator().manual_seed(self.seed)
         self.filters.clear()
         seen = self.seen(examples.images)
-        found = configure(self.filters, seen, examples.labels, self.prototype_settings, generator)
+        try:
+            found = configure(self.filters, seen, examples.labels, self.prototype_settings, generator)
+        except UserError as error:
+            raise self._network_to_blame(error) from None
         self.prototypes.keep(
             labels=found.labels,
             images=found.images,
@@ -195,6 +199,16 @@ class CosfireRecognition(pl.LightningModule):
             maxima = self._seen_as("maxima", examples.images, of_examples)
             held = self._seen_as("maxima", tuning.images, of_tuning) if choosing else maxima[:0]
             self._fine_tune(examples, maxima, (held, tuning.labels))
+
+    def _network_to_blame(self, error: UserError) -> UserError:
+        """The same error; of a network that has learnt little, whose maps may be to blame, one that says so."""
+        accuracy = self.trainer.callback_metrics.get("val/accuracy")
+        if self.network is None or accuracy is None or self.converged({"val/accuracy": float(accuracy)}):
+            return error
+        return UserError(
+            f"{error.problem}; the network has learnt little, its validation accuracy is {100 * float(accuracy):.0f} %",
+            f"Train it longer or otherwise: trainer.max_epochs, optimizer.lr, optimizer. {error.fix}",
+        )
 
     def _own_responses(
         self, found: Prototypes, seen: UInt8[Tensor, "n c h w"], known: dict[str, Tensor]
