@@ -16,12 +16,12 @@ from sextant.runs.sweep_directory import Cell, SweepPlan
 LABELS = np.arange(100) % 10
 
 
-def swept(folder, factors_of):
+def swept(folder, factors_of, seeds=2):
     """Runs of two arms in each setting; number ``n`` gets ``50 + 10 n`` per cent, the second arm 5 more."""
     cells = []
     for number, factors in enumerate(factors_of):
         for arm, more in (("a", 0), ("b", 5)):
-            for seed in (0, 1):
+            for seed in range(seeds):
                 run = RunDirectory(folder / "runs" / "classification" / f"{number}{arm}-s{seed}")
                 cells.append(Cell(factors, arm, seed, seed, f"{number}{arm}", run.path.relative_to(folder).as_posix()))
                 right = np.arange(100) < 50 + 10 * number + more
@@ -72,6 +72,14 @@ def test_a_line_breaks_where_nothing_converged_and_a_setting_without_runs_has_no
     lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
     np.testing.assert_allclose(lines["a"], [50, np.nan, 70])
     np.testing.assert_allclose(lines["b"], [55, 65, 75])
+
+
+@pytest.mark.parametrize(("seeds", "drawn"), [(2, False), (3, True)])
+def test_intervals_are_drawn_from_three_seeds_on(tmp_path, seeds, drawn):
+    results = swept(tmp_path, [{"k": "1"}, {"k": "2"}], seeds)
+    ((_, figure),) = factor_section(results, summarise(results)).figures
+    bands = [band.get_paths() for band in figure.axes[0].collections]
+    assert [any(len(path.vertices) for path in paths) for paths in bands] == [drawn, drawn]
 
 
 @pytest.mark.parametrize("values", [["1"], ["1", "null"], ["[a]", "[b]"], ["1", "nan"]])

@@ -11,14 +11,17 @@ from sextant.reports.section import Section
 from sextant.reports.summary import Summary
 from sextant.reports.tables import is_number, slug
 
+#: for an interval to be drawn: that of two is wider than all there is to see
+LEAST_SEEDS = 3
+
 
 def factor_section(results: SweepResults, summaries: Sequence[Summary]) -> Section:
     """A picture for each such factor and setting of the others; empty without one."""
     figures, parts = [], []
     measure = results.measure
     legend = (
-        f"Means over converged seeds with their 95 % intervals, {measure.better} is better; a line breaks where "
-        "no run of an arm converged.\n"
+        f"Means over converged seeds, {measure.better} is better, with 95 % intervals where there are {LEAST_SEEDS} "
+        "seeds or more; a line breaks where no run of an arm converged.\n"
     )
     for factor in numeric_factors(results):
         parts += [f"## By {factor}\n", legend]
@@ -61,7 +64,9 @@ def _figures(results: SweepResults, summaries: Sequence[Summary], factor: str) -
 
 
 def _curve(rows: Sequence[Summary]) -> FactorCurve:
-    return FactorCurve(*(np.array([getattr(row, name) for row in rows]) for name in ("mean", "low", "high")))
+    mean, low, high = (np.array([getattr(row, name) for row in rows]) for name in ("mean", "low", "high"))
+    few = np.array([row.seeds for row in rows]) < LEAST_SEEDS
+    return FactorCurve(mean, np.where(few, np.nan, low), np.where(few, np.nan, high))
 
 
 def _quantity(results: SweepResults) -> str:
