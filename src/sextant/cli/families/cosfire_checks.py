@@ -13,7 +13,7 @@ def check_parts(config: Config, task: CosfireTask) -> None:
             "bank=vectors and strategy=vector_keypoints belong together",
             "Choose both, or another bank with strategy=circles or channel_peaks.",
         )
-    trained_before = config.features is not None and config.features.run is not None
+    trained_before = _trained_before(config)
     if task.scenes is not None:
         _check_scenes(task, trains=config.backbone is not None and not trained_before)
     if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
@@ -31,13 +31,18 @@ def check_parts(config: Config, task: CosfireTask) -> None:
 
 def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
     """The methods that answer, without those for which this run lacks a network or a descriptor."""
-    trained_before = config.features is not None and config.features.run is not None
+    trained_before = _trained_before(config)
     lacking = {
         "network": config.backbone is None or trained_before or bool(task.novel_classes),
         "descriptor": config.descriptor is None,
         **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), config.backbone is None and not trained_before),
     }
     return [method for method in task.answering() if not lacking.get(method, False)]
+
+
+def _trained_before(config: Config) -> bool:
+    """Whether filters look at the network of another run."""
+    return config.features is not None and config.features.run is not None
 
 
 def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
