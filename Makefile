@@ -37,7 +37,7 @@ bench: $(READY) ## timings against what a user would pick instead, as ratios
 	$(BIN)/python -m benchmarks
 
 lock: $(READY) ## pin every dependency anew in requirements.lock
-	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --no-emit-index-url --no-header -q -o requirements.lock
+	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --no-emit-index-url --no-header -q -o requirements.lock
 
 clean: ## remove caches and the environment; outputs/ stays
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,4 +1,4 @@
-r"""The multi-similarity loss, as pytorch-metric-learning computes it.
+r"""The multi-similarity loss.
 
 With the cosine similarity :math:`s_{ij}`, of anchor i
 
@@ -7,16 +7,14 @@ With the cosine similarity :math:`s_{ij}`, of anchor i
 
 averaged over all images of the batch, also those without a pair, whose loss is 0. Only pairs that tell something are
 kept: positives less similar than the most similar negative plus :math:`\epsilon`, negatives more similar than the least
-similar positive minus :math:`\epsilon`. The library mines by labels; here the pairs are those of a relation, where
-*ignored* is possible, so the mining is done here and the pairs are handed over. The library gives 0 for a batch of at
-most one pair of each sort.
+similar positive minus :math:`\epsilon`. Pairs are those of a relation, in which images may be ignored.
 
 Source: X. Wang et al., "Multi-similarity loss with general pair weighting for deep metric learning", CVPR 2019.
 """
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from sextant.errors import UserError
@@ -46,10 +44,7 @@ class MultiSimilarityLoss(PlaceLoss):
             raise UserError(f"loss.base={base} must be in [-1, 1]", "For example loss.base=0.5")
         if epsilon is not None and not 0 <= epsilon < float("inf"):
             raise UserError(f"loss.epsilon={epsilon} must be at least 0, or null", "For example loss.epsilon=0.1")
-        from pytorch_metric_learning.losses import MultiSimilarityLoss as Library  # its import takes long
-
-        self.epsilon = epsilon
-        self.library = Library(alpha=alpha, beta=beta, base=base)
+        self.alpha, self.beta, self.base, self.epsilon = alpha, beta, base, epsilon
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:
         """Loss of the pairs of a relation, or of those in triplets."""
@@ -59,9 +54,16 @@ class MultiSimilarityLoss(PlaceLoss):
         before, after = (int(pairs.positive.sum() + pairs.negative.sum()) for pairs in (relation, kept))
         if after == 0:
             return nothing(descriptors)
-        pairs = (*kept.positive.nonzero().unbind(1), *kept.negative.nonzero().unbind(1))
-        value = self.library(wide, indices_tuple=pairs)
-        return PlaceLossOutput(value, torch.tensor(after / before, device=descriptors.device))
+        unit = F.normalize(wide, dim=1)
+        above = unit @ unit.T - self.base
+        value = _log_of_one_plus_sum(-self.alpha * above, kept.positive) / self.alpha
+        value = value + _log_of_one_plus_sum(self.beta * above, kept.negative) / self.beta
+        return PlaceLossOutput(value.mean(), torch.tensor(after / before, device=descriptors.device))
+
+
+def _log_of_one_plus_sum(exponents: Float[Tensor, "b b"], chosen: Bool[Tensor, "b b"]) -> Float[Tensor, "b"]:
+    """The log of 1 and of the exponentials of the chosen entries of each row, without overflow."""
+    return torch.logsumexp(F.pad(exponents.masked_fill(~chosen, -torch.inf), (1, 0)), dim=1)
 
 
 @torch.no_grad()
