@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from layers.convolution_cases import NUMPY_BORDER, convolutions
 from torch import nn
 
+from sextant.errors import UserError
 from sextant.layers import PushPullAvgConv2d, PushPullConv2d, PushPullInhibition, fold
 from sextant.models import LeNet
 
@@ -91,12 +92,71 @@ def test_torch_export_works_with_the_image_size_left_open(images):
     torch.testing.assert_close(program.module()(larger), layer(larger), rtol=1e-5, atol=1e-5)
 
 
-def onnx_outputs(model, images, path):
+LAYERS = {
+    "direct": lambda: PushPullConv2d(3, 8, 3, 2, 1, impl="direct"),
+    "rows": lambda: PushPullConv2d(3, 8, 3, 2, 1, impl="rows"),
+    "factorised": lambda: PushPullConv2d(3, 8, 3, 2, 1, impl="factorised"),
+    "stem": lambda: PushPullConv2d(3, 64, 7, 2, 3),
+    "same": lambda: PushPullConv2d(3, 8, (3, 5), padding="same", alpha=[0.2 * i for i in range(8)]),
+    "trained": lambda: PushPullConv2d(3, 8, 3, padding=1, padding_mode="reflect", train_alpha=True),
+    "averaged": lambda: PushPullAvgConv2d(3, 8, 3, padding=1, train_alpha=True),
+}
+every_layer = pytest.mark.parametrize("make", LAYERS.values(), ids=LAYERS)
+
+
+def trained(make):
+    """A network with the layer; where strengths are trained, some act as zero."""
+    torch.manual_seed(0)
+    layer = make()
+    if isinstance(layer.alpha, nn.Parameter):
+        layer.alpha.data[::2] *= -1
+    return nn.Sequential(layer, nn.ReLU())
+
+
+@every_layer
+def test_torch_fx_traces_a_network_that_is_not_folded_and_it_can_be_trained_on(make, images):
+    original = trained(make)
+    traced = torch.fx.symbolic_trace(original)
+    assert torch.equal(traced(images), original(images))
+    larger = torch.randn(2, 3, 30, 41)
+    assert torch.equal(traced(larger), original(larger))
+    traced(images).sum().backward()
+    assert original[0].weight.grad.abs().sum() > 0
+
+
+@every_layer
+@pytest.mark.filterwarnings("ignore::torch.jit.TracerWarning", "ignore:.*torch.jit:FutureWarning")
+def test_torch_jit_trace_holds_for_other_image_sizes(make, images):
+    original = trained(make).eval()
+    traced = torch.jit.trace(original, (images,))
+    for size in ((17, 18), (30, 41)):
+        other = torch.randn(2, 3, *size)
+        torch.testing.assert_close(traced(other), original(other), rtol=1e-5, atol=1e-5)
+
+
+@every_layer
+@pytest.mark.filterwarnings("ignore:.*torch.jit:FutureWarning")
+def test_torch_jit_script_is_refused_with_the_advice_to_fold_which_works(make, images):
+    original = trained(make).eval()
+    with pytest.raises(UserError, match=r"torch\.jit\.script\(fold\(network\)\)"):
+        torch.jit.script(original)
+    torch.testing.assert_close(torch.jit.script(fold(original))(images), original(images), rtol=1e-5, atol=1e-5)
+
+
+@every_layer
+@pytest.mark.filterwarnings("ignore::torch.jit.TracerWarning", "ignore::FutureWarning", "ignore::DeprecationWarning")
+def test_the_older_onnx_exporter_takes_a_network_that_is_not_folded(make, images, tmp_path):
+    original = trained(make).eval()
+    _, outputs = onnx_outputs(original, images, tmp_path / "network.onnx", dynamo=False)
+    torch.testing.assert_close(outputs, original(images), rtol=1e-5, atol=1e-5)
+
+
+def onnx_outputs(model, images, path, dynamo=True):
     """Operations of the ONNX file and what onnxruntime computes with it."""
     onnx = pytest.importorskip("onnx")
     runtime = pytest.importorskip("onnxruntime")
     pytest.importorskip("onnxscript")
-    torch.onnx.export(model, (images,), path, dynamo=True, verbose=False)
+    torch.onnx.export(model, (images,), path, dynamo=dynamo, verbose=False)
     session = runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
     outputs = session.run(None, {session.get_inputs()[0].name: images.numpy()})
     return [node.op_type for node in onnx.load(path).graph.node], torch.from_numpy(outputs[0])

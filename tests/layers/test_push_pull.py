@@ -188,10 +188,9 @@ def test_one_image_without_a_batch_is_as_in_a_batch(scale, impl):
     torch.testing.assert_close(layer(images[0]), layer(images)[0])
 
 
-def test_strengths_can_be_fixed_one_a_channel_outside_the_state_dict():
+def test_strengths_can_be_fixed_one_a_channel():
     conv = nn.Conv2d(2, 3, 3, dtype=torch.float64)
     layer = PushPullConv2d.from_conv(conv, alpha=[0.0, 0.5, 2.0])
-    assert layer.state_dict().keys() == conv.state_dict().keys()
     images = torch.randn(2, 2, 9, 9, dtype=torch.float64)
     for channel, alpha in enumerate([0.0, 0.5, 2.0]):
         alone = PushPullConv2d.from_conv(conv, alpha=alpha)(images)
@@ -304,16 +303,49 @@ def test_it_loads_the_weights_of_a_convolution():
     assert torch.equal(layer.bias, conv.bias)
 
 
+def test_strengths_fixed_one_a_channel_are_in_the_state_dict():
+    layer, other = (PushPullConv2d(2, 3, 3, alpha=alpha) for alpha in ([0.0, 0.5, 2.0], [1.0, 1.0, 1.0]))
+    other.load_state_dict(layer.state_dict())
+    assert other.alpha.tolist() == [0.0, 0.5, 2.0]
+    assert PushPullConv2d(2, 3, 3, alpha=0.5).state_dict().keys() == nn.Conv2d(2, 3, 3).state_dict().keys()
+
+
+@pytest.mark.parametrize("prefix", ["", "0."])
+def test_a_state_dict_without_fixed_strengths_leaves_them_as_they_are(prefix):
+    layer = PushPullConv2d(2, 3, 3, alpha=[0.0, 0.5, 2.0])
+    network = nn.Sequential(layer) if prefix else layer
+    before = {f"{prefix}{name}": tensor for name, tensor in nn.Conv2d(2, 3, 3).state_dict().items()}
+    network.load_state_dict(before)  # strict
+    assert layer.alpha.tolist() == [0.0, 0.5, 2.0]
+    assert torch.equal(layer.weight, before[f"{prefix}weight"])
+    assert before.keys() == {f"{prefix}weight", f"{prefix}bias"}
+
+
+def test_trained_strengths_that_act_as_zero_are_not_loaded_as_fixed_ones():
+    trained, fixed = PushPullConv2d(2, 3, 3, train_alpha=True), PushPullConv2d(2, 3, 3, alpha=[1.0, 1.0, 1.0])
+    with torch.no_grad():
+        trained.alpha[1] = -0.2
+    with pytest.raises(RuntimeError, match=r"alpha: alpha must be >= 0"):
+        fixed.load_state_dict(trained.state_dict())
+
+
 @pytest.mark.parametrize(
     ("kernel_size", "options"),
-    [(4, {"scale": 2.0}), ((3, 2), {"scale": 1.5}), (3, {"scale": 0.9}), (3, {"alpha": -0.1})],
+    [
+        (4, {"scale": 2.0}),
+        ((3, 2), {"scale": 1.5}),
+        (3, {"scale": 0.9}),
+        (3, {"scale": float("nan")}),
+        (3, {"scale": float("inf")}),
+        (3, {"alpha": -0.1}),
+    ],
 )
 def test_the_layer_refuses_what_the_equation_does_not_allow(kernel_size, options):
     with pytest.raises(ValueError, match=r"scale must be|alpha must be"):
         PushPullConv2d(1, 1, kernel_size, **options)
 
 
-@pytest.mark.parametrize(("side", "scale"), [(4, 2.0), (3, 0.9)])
+@pytest.mark.parametrize(("side", "scale"), [(4, 2.0), (3, 0.9), (3, float("nan")), (3, float("inf"))])
 def test_the_function_refuses_what_the_equation_does_not_allow(side, scale):
     with pytest.raises(ValueError, match="push-pull needs"):
         push_pull(torch.zeros(1, 1, 9, 9), torch.zeros(1, 1, side, side), scale=scale)

@@ -15,6 +15,7 @@ from sextant.layers import (
     first_conv,
     inhibit,
     inhibited,
+    skipped,
 )
 from sextant.layers.surgery import exactly
 from sextant.models import LeNet
@@ -251,6 +252,90 @@ def test_convolutions_that_compute_more_are_not_silently_made_plain(conv):
     assert "would be lost" in conversion.skipped["0"]
     with pytest.raises(ValueError, match="would be lost"):
         PushPullInhibition()(nn.Sequential(conv))
+
+
+def a_hook(*args):
+    """Any kind of hook may be called with it; it changes nothing."""
+
+
+@pytest.mark.parametrize(
+    ("register", "name"),
+    [
+        ("register_forward_hook", "forward hook"),
+        ("register_forward_pre_hook", "forward pre hook"),
+        ("register_full_backward_hook", "full backward hook"),
+        ("register_full_backward_pre_hook", "full backward pre hook"),
+        ("register_load_state_dict_pre_hook", "load state dict pre hook"),
+        ("register_load_state_dict_post_hook", "load state dict post hook"),
+        ("register_state_dict_pre_hook", "state dict pre hook"),
+    ],
+)
+def test_a_hook_is_called_by_its_name_and_is_not_dropped(register, name):
+    network = nn.Sequential(nn.Conv2d(1, 2, 3), nn.Conv2d(2, 2, 3))
+    getattr(network[0], register)(a_hook)
+    conversion = inhibit(network, "all", PushPullConv2d.from_conv)
+    assert conversion.changed == ("1",)
+    assert conversion.skipped["0"].startswith(f"it has a {name}, which would be lost")
+    assert type(network[0]) is nn.Conv2d
+
+
+@pytest.mark.filterwarnings("ignore:.*weight_norm.*:FutureWarning")
+@pytest.mark.parametrize(
+    ("compute", "name"),
+    [(nn.utils.weight_norm, "WeightNorm"), (nn.utils.spectral_norm, "SpectralNorm")],
+)
+def test_a_weight_that_a_hook_computes_is_told_as_that(compute, name):
+    conversion = inhibit(
+        nn.Sequential(compute(nn.Conv2d(1, 2, 3)), nn.Conv2d(2, 2, 3)), "all", PushPullConv2d.from_conv
+    )
+    assert conversion.skipped["0"] == f"{name} computes its weight anew each time, which would be lost"
+
+
+@pytest.mark.parametrize("inhibition", [PushPullInhibition(where="all"), PushPullAvgInhibition(where="all")])
+def test_what_was_skipped_can_be_asked_for(inhibition):
+    network = inhibition(blocks())
+    told = skipped(network)
+    assert told["layer1.2"] == "a 1x1 kernel has no pattern in space"
+    assert ("stem" in told) == isinstance(inhibition, PushPullInhibition)  # its kernel has even sides
+    assert {*told, *inhibited(network)} >= {"stem", "layer1.0", "layer1.2", "layer2.0", "layer10"}
+    assert skipped(blocks()) == skipped(NoInhibition()(blocks())) == {}
+
+
+def test_what_was_skipped_and_replaced_later_is_no_longer_told():
+    network = PushPullInhibition(where="all")(blocks())
+    PushPullAvgInhibition(where="stem")(network)
+    assert skipped(network).keys() == {"layer1.2"}
+
+
+def test_several_patterns_may_be_given():
+    network = PushPullInhibition(where=["layer1.*", "layer10"])(blocks())
+    assert inhibited(network) == ["layer1.0", "layer10"]
+    with pytest.raises(UserError, match="'layer3' matches no Conv2d"):
+        PushPullInhibition(where=["layer1.*", "layer3"])(blocks())
+
+
+@pytest.mark.parametrize("where", [[], [1], None, 3])
+def test_a_place_that_is_no_pattern_is_refused(where):
+    with pytest.raises(ValueError, match="where must be first, first_block, all"):
+        PushPullInhibition(where=where)(blocks())
+
+
+def patches(rest):
+    """A stem of patches, as ConvNeXt (with convolutions after it) and ViT (without) have it."""
+    return nn.Sequential(nn.Sequential(nn.Conv2d(3, 8, 4, 4)), *rest)
+
+
+def test_a_first_convolution_that_stays_comes_with_what_would_work():
+    convnext = patches([nn.Conv2d(8, 8, 7, padding=3, groups=8)])
+    with pytest.raises(ValueError, match=r"the first convolution of Sequential, 0\.0, cannot") as told:
+        PushPullInhibition()(convnext)
+    assert "where='1'" in str(told.value)
+    assert "PushPullAvgInhibition, which takes even kernels too" in str(told.value)
+    assert inhibited(PushPullInhibition(where="1")(convnext)) == ["1"]
+    vit = patches([nn.Flatten(), nn.Linear(8, 2)])
+    with pytest.raises(ValueError, match=r"odd kernel sides.*What would work: PushPullAvgInhibition"):
+        PushPullInhibition()(vit)
+    assert inhibited(PushPullAvgInhibition()(vit)) == ["0.0"]
 
 
 def test_an_identity_start_does_not_change_a_trained_networks_outputs():

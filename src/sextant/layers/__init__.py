@@ -10,6 +10,7 @@ from sextant.layers.inhibition import (
     implementations,
     inhibit,
     inhibited,
+    skipped,
 )
 from sextant.layers.network_stages import first_stage_convs
 from sextant.layers.pull_kernel import interpolation_matrix, pull_kernel_size, upsample_kernel
@@ -42,6 +43,7 @@ __all__ = [
     "pull_kernel_size",
     "push_pull",
     "push_pull_avg",
+    "skipped",
     "strength_path",
     "upsample_kernel",
 ]

@@ -1,17 +1,23 @@
 """What convolutions with inhibition have in common: a strength, and that they can be made of a plain convolution."""
 
-from typing import Any, Self
+from collections.abc import Mapping
+from typing import Any, NoReturn, Self
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.errors import UserError
 from sextant.layers.strength import Strength, check_strength, strength_buffer
 
 
 class InhibitedConv2d(nn.Conv2d):
-    """A convolution with a strength of inhibition α; its state dict has one more entry only if α is trained."""
+    """A convolution with a strength of inhibition α.
+
+    Its state dict has one more entry, ``alpha``, only if there is one strength a channel, trained or not. Without that
+    entry (the convolution's, or of a version that did not keep fixed strengths) fixed strengths stay as they are.
+    """
 
     alpha: float | Tensor
 
@@ -44,7 +50,42 @@ class InhibitedConv2d(nn.Conv2d):
 
     def strengths(self) -> float | Float[Tensor, "co"]:
         """α as it acts: trained ones after their ReLU."""
-        return F.relu(self.alpha) if isinstance(self.alpha, nn.Parameter) else self.alpha
+        # not by the type of self.alpha, which is another while torch.fx traces
+        return F.relu(self.alpha) if "alpha" in self._parameters else self.alpha  # type: ignore[arg-type]
+
+    def __prepare_scriptable__(self) -> NoReturn:
+        """What ``torch.jit.script`` asks for in place of a module that it cannot compile.
+
+        Raises:
+            UserError: always. A folded layer could stand in, but its pull kernels no longer follow the weights, which
+                nobody would notice in training.
+        """
+        raise UserError(
+            f"torch.jit.script cannot compile {type(self).__name__}",
+            "Script a copy for inference, whose inhibition is plain convolutions: torch.jit.script(fold(network)), "
+            "with fold of sextant.layers.",
+        )
+
+    def _load_from_state_dict(
+        self,
+        state_dict: Mapping[str, Any],
+        prefix: str,
+        local_metadata: Any,
+        strict: bool,
+        missing_keys: list[str],
+        unexpected_keys: list[str],
+        error_msgs: list[str],
+    ) -> None:
+        key, fixed = f"{prefix}alpha", self._buffers.get("alpha")
+        if fixed is not None:
+            state_dict = {key: fixed, **state_dict}
+            try:
+                check_strength(state_dict[key], self.out_channels)
+            except ValueError as error:
+                error_msgs.append(f"{key}: {error}")  # such as trained strengths, which act after a ReLU
+        super()._load_from_state_dict(
+            state_dict, prefix, local_metadata, strict, missing_keys, unexpected_keys, error_msgs
+        )
 
     def _set_alpha(self, alpha: Strength) -> None:
         check_strength(alpha, self.out_channels)

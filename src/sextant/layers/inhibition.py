@@ -1,17 +1,30 @@
 """Put inhibition into a network that was built without it: what an experiment's ``inhibition`` can be."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import torch
 from torch import Tensor, nn
 
-from sextant.errors import UserError
 from sextant.layers.network_stages import evaluating, first_stage_convs
 from sextant.layers.push_pull import Choice, PushPullConv2d
 from sextant.layers.push_pull_avg import AvgChoice, PushPullAvgConv2d
-from sextant.layers.surgery import Conversion, Rule, convert, exactly, first_conv
+from sextant.layers.surgery import Conversion, Rule, candidates, convert, exactly, first_conv, some
+
+EVEN = "push-pull with scale > 1 needs odd kernel sides"
+KEPT = "_convolutions_without_inhibition"  # what inhibit left alone, beside the network's own attributes
+#: where a module keeps hooks, which would stay behind on one that is replaced, and what they are called
+HOOKS = {
+    "_forward_pre_hooks": "forward pre",
+    "_forward_hooks": "forward",
+    "_backward_pre_hooks": "full backward pre",
+    "_backward_hooks": "full backward",
+    "_state_dict_hooks": "state dict",
+    "_state_dict_pre_hooks": "state dict pre",
+    "_load_state_dict_pre_hooks": "load state dict pre",
+    "_load_state_dict_post_hooks": "load state dict post",
+}
 
 
 @dataclass(frozen=True)
@@ -38,11 +51,11 @@ class PushPullInhibition:
     scale: float = 2.0
     alpha: float = 1.0
     train_alpha: bool = False
-    where: str = "first"
+    where: str | Sequence[str] = "first"
     impl: Choice = "auto"
 
     def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it; see :func:`inhibit` for the errors."""
+        """Change ``network`` in place and return it; :func:`skipped` tells what stayed, :func:`inhibit` the errors."""
 
         def layer(conv: nn.Conv2d) -> nn.Module:
             return PushPullConv2d.from_conv(
@@ -68,11 +81,11 @@ class PushPullAvgInhibition:
     average: int = 3
     alpha: float = 1.0
     train_alpha: bool = False
-    where: str = "first"
+    where: str | Sequence[str] = "first"
     impl: AvgChoice = "box"
 
     def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it; see :func:`inhibit` for the errors."""
+        """Change ``network`` in place and return it; :func:`skipped` tells what stayed, :func:`inhibit` the errors."""
 
         def layer(conv: nn.Conv2d) -> nn.Module:
             return PushPullAvgConv2d.from_conv(
@@ -84,38 +97,47 @@ class PushPullAvgInhibition:
 
 
 def inhibit(
-    network: nn.Module, where: str, factory: Callable[[nn.Conv2d], nn.Module], *, odd: bool = False
+    network: nn.Module, where: str | Sequence[str], factory: Callable[[nn.Conv2d], nn.Module], *, odd: bool = False
 ) -> Conversion:
     """Replace convolutions of ``network`` by layers made of them, in place.
 
     Args:
         where: ``first``, the first convolution in registration order; ``first_block``, those of the first stage after
             the stem (:func:`sextant.layers.first_stage_convs`), the stem left alone; ``all``, every convolution; or a
-            pattern of module paths as in :class:`sextant.layers.Rule`, such as ``layer1.*``. But for ``first``,
-            convolutions of 1x1 pixels stay as they are: they have no pattern in space that could be inhibited.
+            pattern of module paths as in :class:`sextant.layers.Rule`, such as ``layer1.*``, or several. But for
+            ``first``, convolutions of 1x1 pixels stay as they are: they have no pattern in space that could be
+            inhibited.
         factory: makes the layer.
         odd: even kernels stay as they are, since they have no centre.
 
     Raises:
-        ValueError: the network has no convolution, none after its stem, or its first one cannot be replaced.
-        UserError: the pattern matches no convolution that can be replaced; it tells why, and names some that can.
+        ValueError: the network has no convolution, none after its stem, or its first one cannot be replaced; or
+            ``where`` is neither a string nor several.
+        UserError: a pattern matches no convolution that can be replaced; it tells why, and names some that can.
     """
-    path, _ = first_conv(network)
-    patterns = [where]
+    objection = partial(_objection, odd=odd)
+    path, conv = first_conv(network)
     if where == "first":
-        patterns = [exactly(path)]
-    elif where == "first_block":
-        patterns = [exactly(path) for path in first_stage_convs(network)]
-    elif where == "all":
-        patterns = ["*"]
-    objection = partial(_objection, odd=odd, pointwise=where == "first")
+        _require_first(network, path, objection(conv), partial(objection, pointwise=False))
+    else:
+        objection = partial(objection, pointwise=False)
     make: Callable[..., nn.Module] = factory
-    try:
-        return convert(network, [Rule(pattern, make, objection=objection) for pattern in patterns])
-    except UserError as error:
-        if where == "first":
-            raise ValueError(error.problem) from None
-        raise
+    rules = [Rule(pattern, make, objection=objection) for pattern in _patterns(network, where, path)]
+    conversion = convert(network, rules)
+    network.__dict__[KEPT] = network.__dict__.get(KEPT, {}) | conversion.skipped
+    return conversion
+
+
+def skipped(network: nn.Module) -> dict[str, str]:
+    """Paths of the convolutions that :func:`inhibit` was to replace and did not, with the reason.
+
+    >>> network = PushPullInhibition(where="all")(nn.Sequential(nn.Conv2d(1, 4, 3), nn.Conv2d(4, 4, 1)))
+    >>> inhibited(network), skipped(network)
+    (['0'], {'1': 'a 1x1 kernel has no pattern in space'})
+    """
+    told: dict[str, str] = network.__dict__.get(KEPT, {})
+    later = set(inhibited(network))
+    return {path: reason for path, reason in told.items() if path not in later}
 
 
 def inhibited(network: nn.Module) -> list[str]:
@@ -149,14 +171,43 @@ def implementations(network: nn.Module, image: Tensor) -> dict[str, str]:
     return taken
 
 
-def _objection(module: nn.Module, *, odd: bool, pointwise: bool) -> str | None:
+def _patterns(network: nn.Module, where: str | Sequence[str], first: str) -> list[str]:
+    if not isinstance(where, str):
+        if not isinstance(where, Sequence) or not where or not all(isinstance(pattern, str) for pattern in where):
+            raise ValueError(f"where must be first, first_block, all, a pattern of paths or several, not {where!r}")
+        return [pattern for one in where for pattern in _patterns(network, one, first)]
+    if where == "first_block":
+        return [exactly(path) for path in first_stage_convs(network)]
+    return {"first": [exactly(first)], "all": ["*"]}.get(where, [where])
+
+
+def _require_first(
+    network: nn.Module, path: str, reason: str | None, objection: Callable[[nn.Module], str | None]
+) -> None:
+    """Raise a ``ValueError`` that says what would work, if there is a reason to leave the first convolution."""
+    if reason is None:
+        return
+    possible = candidates(network, objection=objection)
+    ways = [f"where={exactly(possible[0])!r}, or another of {some(possible)}"] if possible else []
+    ways += ["PushPullAvgInhibition, which takes even kernels too"] if reason.startswith(EVEN) else []
+    advice = f"What would work: {'; '.join(ways)}" if ways else "It has no convolution that can be replaced"
+    raise ValueError(
+        f"the first convolution of {type(network).__name__}, {path}, cannot be replaced: {reason}. {advice}"
+    )
+
+
+def _objection(module: nn.Module, *, odd: bool, pointwise: bool = True) -> str | None:
     assert isinstance(module, nn.Conv2d)
     if type(module) is not nn.Conv2d:
         return f"{type(module).__name__} computes more than Conv2d, which would be lost"
-    if module._forward_pre_hooks or module._forward_hooks:
-        return "it has hooks, such as weight normalisation, which would be lost"
+    if "weight" not in module._parameters:  # weight or spectral normalisation, or pruning, of torch.nn.utils
+        by = next((type(hook).__name__ for hook in module._forward_pre_hooks.values()), "something else")
+        return f"{by} computes its weight anew each time, which would be lost"
+    hook = next((name for kind, name in HOOKS.items() if getattr(module, kind)), None)
+    if hook is not None:
+        return f"it has a {hook} hook, which would be lost: remove it, and register it on the new layer"
     if odd and any(side % 2 == 0 for side in module.kernel_size):
-        return f"push-pull with scale > 1 needs odd kernel sides, not {module.kernel_size}"
+        return f"{EVEN}, not {module.kernel_size}"
     if not pointwise and module.kernel_size == (1, 1):
         return "a 1x1 kernel has no pattern in space"
     return None

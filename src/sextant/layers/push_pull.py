@@ -10,6 +10,7 @@ import math
 from typing import Literal, get_args
 
 import torch
+import torch.fx
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
@@ -22,6 +23,7 @@ from sextant.layers.pull_response import Implementation, pull_response
 from sextant.layers.strength import Strength
 
 Choice = Literal["auto", "direct", "rows", "factorised"]
+torch.fx.wrap("push_pull")  # one node of a traced network: what it does depends on shapes
 
 
 def push_pull(
@@ -54,10 +56,11 @@ def push_pull(
         other arguments: as in ``torch.nn.functional.conv2d``.
 
     Raises:
-        ValueError: ``scale`` is below 1, or it is above 1 and a kernel side is even; or as ``ConvGeometry.of``.
+        ValueError: ``scale`` is below 1 or not finite, or it is above 1 and a kernel side is even; or as
+            ``ConvGeometry.of``.
     """
     kernel = (weight.shape[2], weight.shape[3])
-    if scale < 1 or (scale > 1 and (kernel[0] % 2 == 0 or kernel[1] % 2 == 0)):
+    if not 1 <= scale < math.inf or (scale > 1 and (kernel[0] % 2 == 0 or kernel[1] % 2 == 0)):
         raise ValueError(
             f"push-pull needs scale >= 1 and, above 1, odd kernel sides; got scale={scale}, kernel={kernel}"
         )
@@ -76,7 +79,7 @@ def push_pull(
     pull = pull_response(x, -weight, None if bias is None else -bias, scale, geometry, chosen).relu_()
     if isinstance(strength, Tensor):
         return torch.addcmul(push, strength, pull, value=-1)
-    if not torch.is_grad_enabled():
+    if not torch.is_grad_enabled() and not torch.jit.is_tracing():  # type: ignore[attr-defined]
         return push.sub_(pull, alpha=strength)  # nothing else holds the push
     return torch.sub(push, pull, alpha=strength)
 
@@ -118,7 +121,8 @@ class PushPullConv2d(InhibitedConv2d):
         other arguments: as in ``torch.nn.Conv2d``.
 
     Raises:
-        ValueError: ``scale < 1``, ``alpha < 0``, an even kernel side with ``scale > 1``, or an unknown ``impl``.
+        ValueError: ``scale < 1`` or not finite, ``alpha < 0``, an even kernel side with ``scale > 1``, or an unknown
+            ``impl``.
     """
 
     def __init__(
@@ -188,7 +192,8 @@ class PushPullConv2d(InhibitedConv2d):
             dilation=self.dilation,  # type: ignore[arg-type]
             groups=self.groups,
             padding_mode=self.padding_mode,
-            impl=self.impl,
+            # torch.jit.trace and the ONNX exporter that uses it would write the image's size into the other forms
+            impl="direct" if torch.jit.is_tracing() else self.impl,  # type: ignore[attr-defined]
         )
 
     def extra_repr(self) -> str:
@@ -196,5 +201,5 @@ class PushPullConv2d(InhibitedConv2d):
         return f"{super().extra_repr()}, scale={self.scale}, alpha={self._described_alpha()}"
 
     def _check_scale(self, scale: float) -> None:
-        if scale < 1 or (scale > 1 and any(side % 2 == 0 for side in self.kernel_size)):
-            raise ValueError(f"scale must be >= 1, with odd kernel sides above 1; got {scale} and {self.kernel_size}")
+        if not 1 <= scale < math.inf or (scale > 1 and any(side % 2 == 0 for side in self.kernel_size)):
+            raise ValueError(f"scale must be >= 1 and finite, above 1 with odd sides; got {scale}, {self.kernel_size}")

@@ -23,6 +23,7 @@ strength acts here as ReLU(α), as in the layer of 2020; the authors' may become
 from typing import Literal, get_args
 
 import torch
+import torch.fx
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
@@ -32,6 +33,7 @@ from sextant.layers.inhibited_conv import InhibitedConv2d
 from sextant.layers.strength import Strength
 
 AvgChoice = Literal["box", "direct"]
+torch.fx.wrap("push_pull_avg")  # one node of a traced network
 
 
 def contrast_offset(weight: Float[Tensor, "co cg kh kw"]) -> Float[Tensor, "co"]:

@@ -21,9 +21,9 @@ def check_strength(alpha: Strength, channels: int) -> None:
 
 
 def strength_buffer(layer: nn.Conv2d, alpha: Strength) -> None:
-    """Set ``layer.alpha``: a number as it is, one a channel as a buffer outside the state dict, a trained one in place.
+    """Set ``layer.alpha``: a number as it is, one a channel as a buffer, a trained one in place.
 
-    The buffer stays out of the state dict so that it has the keys of the convolution.
+    A number is a setting, as the stride is; one a channel is data, which the state dict has to hold.
     """
     present = layer._parameters.get("alpha")
     if present is not None:
@@ -34,7 +34,7 @@ def strength_buffer(layer: nn.Conv2d, alpha: Strength) -> None:
     layer.__dict__.pop("alpha", None)
     if isinstance(alpha, Sequence | Tensor):
         values = torch.as_tensor(alpha, dtype=layer.weight.dtype, device=layer.weight.device)
-        layer.register_buffer("alpha", values.expand(layer.out_channels).clone(), persistent=False)
+        layer.register_buffer("alpha", values.expand(layer.out_channels).clone())
     else:
         layer.alpha = alpha  # type: ignore[assignment]
 

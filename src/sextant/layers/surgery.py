@@ -72,7 +72,7 @@ def convert(network: nn.Module, rules: Iterable[Rule]) -> Conversion:
             else:
                 objections |= dict.fromkeys(paths[module], reason)
         if len(objections) == sum(len(paths[module]) for module in matching):
-            raise _nothing_matches(network, rule, paths, objections)
+            raise _nothing_matches(network, rule, objections)
         skipped |= objections
     outermost = {path for module in chosen for path in paths[module]}
     chosen = {m: rule for m, rule in chosen.items() if not any(_within(path, outermost) for path in paths[m])}
@@ -102,27 +102,35 @@ def exactly(path: str) -> str:
     return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in path)
 
 
+def candidates(
+    network: nn.Module,
+    kind: type[nn.Module] = nn.Conv2d,
+    objection: Callable[[nn.Module], str | None] = lambda module: None,
+) -> list[str]:
+    """Paths of the modules within ``network`` that can be replaced: of the class, and without an objection."""
+    there = network.named_modules(remove_duplicate=False)
+    return [path for path, module in there if path and isinstance(module, kind) and objection(module) is None]
+
+
+def some(names: Sequence[str], most: int = 8) -> str:
+    """The names, or the first of them and how many there are."""
+    listed = ", ".join(names[:most])
+    return f"{listed}, ... ({len(names)} in all)" if len(names) > most else listed
+
+
 def _within(path: str, outer: set[str]) -> bool:
     parts = path.split(".")
     return any(".".join(parts[:n]) in outer for n in range(1, len(parts)))
 
 
-def _nothing_matches(
-    network: nn.Module, rule: Rule, paths: dict[nn.Module, list[str]], objections: dict[str, str]
-) -> UserError:
+def _nothing_matches(network: nn.Module, rule: Rule, objections: dict[str, str]) -> UserError:
     name, kind_name = type(network).__name__, rule.kind.__name__
     if objections:
         told = "; ".join(f"{path}: {reason}" for path, reason in list(objections.items())[:3])
         problem = f"the pattern {rule.pattern!r} matches no {kind_name} of {name} that can be replaced ({told})"
     else:
         problem = f"the pattern {rule.pattern!r} matches no {kind_name} of {name}"
-    kind = [module for module in paths if isinstance(module, rule.kind)]
-    candidates = [path for module in kind if rule.objection(module) is None for path in paths[module]]
-    if not candidates:
+    possible = candidates(network, rule.kind, rule.objection)
+    if not possible:
         return UserError(problem, f"It has no {kind_name} that can be replaced: choose another network.")
-    return UserError(problem, f"Choose among {_some(candidates)}; * stands for anything, dots included.")
-
-
-def _some(names: Sequence[str], most: int = 8) -> str:
-    listed = ", ".join(names[:most])
-    return f"{listed}, ... ({len(names)} in all)" if len(names) > most else listed
+    return UserError(problem, f"Choose among {some(possible)}; * stands for anything, dots included.")

@@ -16,7 +16,7 @@ from sextant.corruptions import Condition, CorruptionSuite
 from sextant.data.batches import Batch
 from sextant.data.source import ImageSpec
 from sextant.evaluation import classification_converged
-from sextant.layers import implementations
+from sextant.layers import implementations, skipped
 from sextant.models import network_cost
 from sextant.tasks.classification_report import corruption_metrics, result_figures
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
@@ -160,7 +160,7 @@ class Classification(pl.LightningModule):
             "multiplications": cost.macs,
             "pull_multiplications": cost.pull_macs,
             "inhibition": implementations(self.network, image),
-        }
+        } | ({"without_inhibition": left} if (left := skipped(self.network)) else {})
         protocol = self.suite.protocol
         return {"cost": found} | ({} if protocol is None else {"protocol": protocol.as_dict()})
 
