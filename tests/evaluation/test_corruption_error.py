@@ -10,11 +10,9 @@ from sextant.evaluation.corruption_error import (
     BENCHMARK_15,
     CORRUPTION_FAMILIES,
     CorruptionErrors,
-    corruption_ratio,
-    corruption_score,
     error_rate,
-    relative_corruption_ratio,
 )
+from sextant.evaluation.corruption_score import corruption_ratio, corruption_score, relative_corruption_ratio
 
 shares = st.floats(0.01, 0.99)
 five = st.tuples(shares, shares, shares, shares, shares)

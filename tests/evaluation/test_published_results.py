@@ -9,7 +9,8 @@ import pytest
 from sextant.errors import UserError
 from sextant.evaluation.corruption_baseline import ALEXNET_CIFAR10_C
 from sextant.evaluation.corruption_difference import corruption_differences
-from sextant.evaluation.corruption_error import ALL_19, BENCHMARK_15, CorruptionErrors, corruption_score
+from sextant.evaluation.corruption_error import ALL_19, BENCHMARK_15, CorruptionErrors
+from sextant.evaluation.corruption_score import corruption_score
 from sextant.evaluation.flip_probability import mean_flip_probability
 from sextant.evaluation.published_results import (
     TABLE_3,

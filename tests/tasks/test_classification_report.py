@@ -7,8 +7,8 @@ import torch
 from sextant.corruptions import BenchmarkSuite, CorruptionSuite, GaussianNoise
 from sextant.evaluation import ALEXNET_CIFAR10_C
 from sextant.models import LeNet
-from sextant.tasks.classification import ClassificationResult
 from sextant.tasks.classification_report import corruption_metrics, result_figures, sheet_conditions
+from sextant.tasks.classification_result import ClassificationResult
 
 CLASSES = tuple(str(i) for i in range(10))
 

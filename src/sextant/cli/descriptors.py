@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sextant.baselines.descriptor import PlaceDescriptor
     from sextant.data.localization.described import Describer
     from sextant.data.localization.drive import Drive
-    from sextant.data.places.images import ImageRows
+    from sextant.data.places.image_rows import ImageRows
     from sextant.tasks.place_network import TrainedPlaceNetwork
 
 

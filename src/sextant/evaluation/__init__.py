@@ -13,10 +13,9 @@ from sextant.evaluation.corruption_error import (
     BENCHMARK_15,
     CORRUPTION_FAMILIES,
     CorruptionErrors,
-    CorruptionScore,
-    corruption_score,
     error_rate,
 )
+from sextant.evaluation.corruption_score import CorruptionScore, corruption_score
 from sextant.evaluation.flip_probability import flip_probability, mean_flip_probability
 from sextant.evaluation.localization_success import ConvergenceSummary, global_localization, recovery_after
 from sextant.evaluation.multiplicity import holm

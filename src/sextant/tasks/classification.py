@@ -1,15 +1,11 @@
 """Image classification, tested under corruptions that training never saw (chapter 7)."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytorch_lightning as pl
 import torch
 import torch.nn.functional as F
-from jaxtyping import Int64, UInt8
-from numpy import ndarray
 from torch import Tensor, nn
 
 from sextant.corruptions import Condition, CorruptionSuite
@@ -18,31 +14,13 @@ from sextant.data.source import ImageSpec
 from sextant.evaluation import classification_converged
 from sextant.layers import implementations, skipped
 from sextant.models import network_cost
-from sextant.tasks.classification_report import corruption_metrics, result_figures
+from sextant.tasks.classification_report import corruption_metrics
+from sextant.tasks.classification_result import ClassificationResult
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True)
-class ClassificationResult:
-    """Predictions on the test split under every condition.
-
-    Attributes:
-        labels: true classes, in the order of the split.
-        indices: positions in the split.
-        predictions: predicted classes by condition key.
-    """
-
-    labels: Int64[ndarray, "n"]
-    indices: Int64[ndarray, "n"]
-    predictions: dict[str, UInt8[ndarray, "n"] | Int64[ndarray, "n"]]
-
-    def accuracy(self) -> dict[str, float]:
-        """Share of correct predictions by condition key."""
-        return {key: float((chosen == self.labels).mean()) for key, chosen in self.predictions.items()}
+    pass
 
 
 class Classification(pl.LightningModule):
@@ -163,8 +141,3 @@ class Classification(pl.LightningModule):
         } | ({"without_inhibition": left} if (left := skipped(self.network)) else {})
         protocol = self.suite.protocol
         return {"cost": found} | ({} if protocol is None else {"protocol": protocol.as_dict()})
-
-    def figures(self, test_images: UInt8[Tensor, "n c h w"]) -> "Iterator[tuple[str, Figure]]":
-        """Pictures of the test; see :func:`~sextant.tasks.classification_report.result_figures`."""
-        assert self.result is not None
-        return result_figures(self.result, self.suite, self.network, self.spec.classes, test_images)

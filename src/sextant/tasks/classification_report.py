@@ -20,7 +20,7 @@ from sextant.evaluation import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sextant.tasks.classification import ClassificationResult
+    from sextant.tasks.classification_result import ClassificationResult
 
 #: what corruption errors of a set are divided by
 BASELINES: Mapping[str, CorruptionBaseline] = {"cifar10_c": ALEXNET_CIFAR10_C, "imagenet_c": ALEXNET_IMAGENET_C}

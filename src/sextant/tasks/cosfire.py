@@ -1,7 +1,7 @@
 """Recognition by filters that are configured from single examples (chapter 6), beside what they are compared with."""
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -46,7 +46,7 @@ from sextant.tasks.representations import Progress, feature_maps, filter_maxima
 from sextant.tasks.step_losses import StepLosses
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 class CosfireRecognition(pl.LightningModule):
@@ -418,13 +418,6 @@ class CosfireRecognition(pl.LightningModule):
         found = {"filters": filters, "parts": parts, "parameters": weights, "prices": prices, "scalings": scalings}
         losses = {name: layer["losses"].tolist() for name, layer in self.tuned_layers.items()}  # type: ignore[index]
         return found | ({"tuning_losses": losses} if losses else {})
-
-    def figures(self, data: ExampleData) -> "Iterator[tuple[str, Figure]]":
-        """Pictures of the test; see :func:`~sextant.tasks.cosfire_report.recognition_figures`."""
-        from sextant.tasks.cosfire_report import recognition_figures
-
-        assert self.result is not None
-        return recognition_figures(self, data)
 
     def configured_from(self) -> Prototypes:
         """What the filters were configured from."""

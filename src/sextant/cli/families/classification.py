@@ -109,7 +109,13 @@ class ClassificationFamily(Family):
 
     def record(self, module: "Classification", data: "ImageData", config: Config) -> TestRecord:
         """Predictions by condition, the figures of the test, what the network costs and what it was tested under."""
-        return TestRecord(module.arrays(), module.figures(data.split("test").images), facts=module.facts())
+        from sextant.tasks.classification_report import result_figures
+
+        assert module.result is not None
+        pictures = result_figures(
+            module.result, module.suite, module.network, module.spec.classes, data.split("test").images
+        )
+        return TestRecord(module.arrays(), pictures, facts=module.facts())
 
 
 def image_spec(spec: Mapping[str, Any]) -> ImageSpec:

@@ -166,11 +166,11 @@ class CosfireFamily(Family):
 
     def record(self, module: "CosfireRecognition", data: "ExampleData", config: Config) -> TestRecord:
         """Answers by method, pictures, a table of methods, and how many filters and parts there are."""
-        from sextant.tasks.cosfire_report import method_table
+        from sextant.tasks.cosfire_report import method_table, recognition_figures
 
         assert module.result is not None
         return TestRecord(
-            module.arrays(), module.figures(data), table=method_table(module.result), facts=module.facts()
+            module.arrays(), recognition_figures(module, data), table=method_table(module.result), facts=module.facts()
         )
 
 

@@ -35,7 +35,8 @@ class LocalizationFamily(Family):
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "LocalizationSource":
         """The dataset as a source of drives."""
-        from sextant.data.localization.source import DriveSettings, as_localization_source
+        from sextant.data.localization.drive_settings import DriveSettings
+        from sextant.data.localization.source import as_localization_source
 
         task = _task(config)
         descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a run that is missing is told at once

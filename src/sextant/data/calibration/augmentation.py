@@ -25,7 +25,7 @@ from torch import Tensor
 from sextant.data.counters import uniforms
 
 if TYPE_CHECKING:
-    from sextant.data.calibration.batches import CropBatch
+    from sextant.data.calibration.crop_batch import CropBatch
 
 #: noise is taken from this many fields, rolled by chance: fresh noise would cost more than the crop
 FIELDS = 32

@@ -6,60 +6,23 @@ and test are the same for every run.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64, UInt8
+from jaxtyping import Int64
 from numpy import ndarray
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from sextant.data.calibration.augmentation import augmented
 from sextant.data.calibration.camera_distributions import CameraDistribution
+from sextant.data.calibration.crop_batch import CropBatch
 from sextant.data.calibration.crops import crop_batch
 from sextant.geometry import CameraParameters
 
 if TYPE_CHECKING:
     from sextant.data.calibration.panoramas import Panoramas
-
-
-@dataclass(frozen=True)
-class CropBatch:
-    """Crops with the cameras that they were taken with.
-
-    Attributes:
-        images: bytes, ``(b, 3, h, w)``.
-        cameras: tilt, roll, focal and k1 of each, float32.
-        aspect: width over height of each image before it was squashed to the crop's size.
-        panoramas: index of the panorama of each.
-        indices: numbers of the crops in the split, which seed corruptions.
-    """
-
-    images: UInt8[Tensor, "b 3 h w"]
-    cameras: CameraParameters
-    aspect: Float[Tensor, "b"]
-    panoramas: Int64[Tensor, "b"]
-    indices: Int64[Tensor, "b"]
-
-    def to(self, device: torch.device, non_blocking: bool = False) -> "CropBatch":
-        """The batch on another device."""
-
-        def moved(tensor: Tensor) -> Tensor:
-            return tensor.to(device, non_blocking=non_blocking)
-
-        return CropBatch(
-            moved(self.images),
-            CameraParameters(*map(moved, self.cameras)),
-            moved(self.aspect),
-            moved(self.panoramas),
-            moved(self.indices),
-        )
-
-    def images_in_unit_range(self) -> Tensor:
-        """Images as float32 in [0, 1]."""
-        return self.images.float() / 255
 
 
 class Crops(Dataset[CropBatch]):

@@ -5,9 +5,7 @@ linearly. Without antialiasing a pixel is its central ray. With it, a pixel is t
 area, in that level of the panorama's pyramid whose pixels are about as large as the distance between these rays.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import cv2
@@ -19,7 +17,7 @@ from torch import Tensor
 
 from sextant.data.calibration.camera_distributions import CameraDraw
 from sextant.data.calibration.panoramas import Panoramas
-from sextant.data.calibration.pyramids import top_level
+from sextant.data.calibration.ray_sampling import Sampling
 from sextant.data.calibration.rays import Rays
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters, K2Family
@@ -101,39 +99,6 @@ def crop_batch(
         device = draw.cameras.tilt.device
         return crop_on_device(panoramas, indices, rays, sampling, width, height, device)
     return _crop_with_cv2(panoramas, indices, rays, sampling, width, height)
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How crops are sampled.
-
-    Attributes:
-        level: of the pyramid.
-        side: rays along each side of a pixel.
-    """
-
-    level: Int64[ndarray, "b"]
-    side: Int64[ndarray, "b"]
-
-    @classmethod
-    def central(cls, count: int) -> "Sampling":
-        """The central ray alone, in the panorama itself."""
-        return cls(np.zeros(count, np.int64), np.ones(count, np.int64))
-
-    @classmethod
-    def of(cls, rays: Rays, rows: Int64[ndarray, "b"], width: int, height: int) -> "Sampling":
-        """What averages over the area of the pixels of a crop from a panorama of so many ``rows``.
-
-        The level has at least two of its pixels along a pixel of the crop. Measured against 256 rays a pixel in the
-        panorama itself, 3 rays a side err by 0.4 to 1.4 grey levels (root mean square) where one ray errs by 5 to 14;
-        2 would err twice as much, 4 half as much at twice the time.
-        """
-        # side of a square of the area of the central pixel, in panorama pixels
-        size = np.sqrt(4 * rays.lens[:, 0] * rays.lens[:, 1] / (width * height)) * rows / math.pi
-        tops = np.array([top_level(int(n)) for n in rows])
-        level = np.clip(np.floor(np.log2(np.maximum(size / 2, 1))).astype(np.int64), 0, tops)
-        size = size / 2.0**level
-        return cls(level, np.select([size <= 0.5, size <= 2], [1, 2], 3).astype(np.int64))
 
 
 def _crop_with_cv2(

@@ -10,8 +10,8 @@ from numpy import ndarray
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
-from sextant.data.calibration.crops import Sampling
 from sextant.data.calibration.panoramas import Panoramas
+from sextant.data.calibration.ray_sampling import Sampling
 from sextant.data.calibration.rays import Rays, centres
 
 #: rays worked on at a time: bounds the memory of a large batch

@@ -1,9 +1,10 @@
 """Drives to localize: a map of images at known poses, and what robots saw and counted on other drives."""
 
 from sextant.data.localization.drive import Drive
+from sextant.data.localization.drive_settings import DriveSettings
 from sextant.data.localization.localization_data import LocalizationData, ProtocolName
 from sextant.data.localization.pose_folder import PoseFolder
-from sextant.data.localization.source import DriveSettings, LocalizationSource, as_localization_source
+from sextant.data.localization.source import LocalizationSource, as_localization_source
 
 __all__ = [
     "Drive",

@@ -18,7 +18,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
 from sextant.data.localization.drive import Drive
-from sextant.data.places.images import ImageRows
+from sextant.data.places.image_rows import ImageRows
 from sextant.errors import UserError
 
 #: images read and described at a time: 64x96 pixels in colour are 18 MB

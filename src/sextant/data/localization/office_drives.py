@@ -6,11 +6,11 @@ import numpy as np
 from numpy import ndarray
 
 from sextant.data.localization.drive import Drive
+from sextant.data.localization.drive_settings import DriveSettings
 from sextant.data.localization.localization_data import LocalizationData, first_share
 from sextant.data.localization.motions import motions_along
 from sextant.data.localization.near_map import longest_along_map
 from sextant.data.localization.simulated_odometry import simulated_motion
-from sextant.data.localization.source import DriveSettings
 from sextant.data.places import ImageRows
 from sextant.data.rendered import RenderedSource, open_store
 from sextant.data.rendered.layout import StoreLayout

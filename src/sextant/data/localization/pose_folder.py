@@ -13,12 +13,12 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.data.localization.drive import Drive
+from sextant.data.localization.drive_settings import DriveSettings, Split
 from sextant.data.localization.localization_data import LocalizationData, ProtocolName, first_share
 from sextant.data.localization.motions import compose, motions_along
 from sextant.data.localization.plane import AHEAD, PLANES, Ahead, Plane, to_plane
 from sextant.data.localization.pose_formats import read_tum_matrices
 from sextant.data.localization.pose_times import check_gaps, check_rising, poses_at, times_of_file, times_of_names
-from sextant.data.localization.source import DriveSettings, Split
 from sextant.data.places.aligned import traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.pose_files import table_poses

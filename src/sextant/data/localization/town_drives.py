@@ -6,9 +6,9 @@ import numpy as np
 from numpy import ndarray
 
 from sextant.data.localization.drive import Drive
+from sextant.data.localization.drive_settings import DriveSettings
 from sextant.data.localization.localization_data import LocalizationData, first_share
 from sextant.data.localization.simulated_odometry import CAR_WHEELS, simulated_motion
-from sextant.data.localization.source import DriveSettings
 from sextant.data.places import ImageRows
 from sextant.data.rendered import RenderedSource
 from sextant.data.rendered.splits import RenderedSplit

@@ -3,7 +3,8 @@
 What needs torch (batches, augmentation) is imported from its own module: sources do not.
 """
 
-from sextant.data.places.images import ImageRows, PlaceImages
+from sextant.data.places.image_rows import ImageRows
+from sextant.data.places.images import PlaceImages
 from sextant.data.places.nordland import Nordland
 from sextant.data.places.place_folders import PlaceFolders
 from sextant.data.places.scenes import Scenes

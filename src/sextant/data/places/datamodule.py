@@ -8,7 +8,8 @@ from sextant.data.batches import EpochBatches
 from sextant.data.places.augmentation import PlaceAugmentation
 from sextant.data.places.batches import PlaceBatch, PlaceBatches, PlaceBatchImages
 from sextant.data.places.images import PlaceImages
-from sextant.data.places.source import PlaceSource, Split
+from sextant.data.places.source import PlaceSource
+from sextant.data.places.split import Split
 from sextant.data.places.split_checks import check_headings, check_search, check_training
 from sextant.data.places.tolerance import PlaceTolerance
 

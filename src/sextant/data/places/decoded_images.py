@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.data.places.image_files import UnreadableImageError, decode_image
-from sextant.data.places.images import ImageRows
+from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.problem_list import problem_list
 from sextant.data.rendered.disk import telling_disk_errors
 from sextant.data.rendered.progress import telling_every

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 
-from sextant.data.places.images import ImageRows
+from sextant.data.places.image_rows import ImageRows
 
 FLAT_SD = 10.0
 STILL_DIFFERENCE = 3.0

@@ -1,4 +1,4 @@
-"""Images of places: pixels that may lie on disk, and where each was taken."""
+"""Images of places, and where each was taken."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,52 +6,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64, UInt8
+from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
+from sextant.data.places.flat_frames import flat_frames, still_frames
+from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.tolerance import PlaceTolerance
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-
-class ImageRows:
-    """Some images of an array that may be a map of a file: only those that are asked for are read.
-
-    Args:
-        images: ``(n, h, w, c)`` bytes.
-        rows: which of them, in order; None for all.
-    """
-
-    def __init__(self, images: UInt8[ndarray, "n h w c"], rows: Int64[ndarray, "m"] | None = None):
-        self._images = np.asarray(images)  # a plain view of a map is quick to index
-        self._rows = np.arange(len(images)) if rows is None else np.asarray(rows, np.int64)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    @property
-    def rows(self) -> Int64[ndarray, "m"]:
-        """Which images of the array these are."""
-        return self._rows
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """Number of images, height, width, channels."""
-        return (len(self), *self._images.shape[1:])
-
-    def __getitem__(self, indices: int | slice | Sequence[int] | ndarray) -> UInt8[ndarray, "*k h w c"]:
-        """Images by index, copied into memory."""
-        rows = self._rows[indices]
-        return self._images[rows] if isinstance(rows, ndarray) else self._images[rows].copy()
-
-    def __array__(self, dtype: object = None, copy: bool | None = None) -> ndarray:
-        return np.asarray(self[:], dtype)  # type: ignore[call-overload,no-any-return]
-
-    def select(self, indices: ndarray) -> "ImageRows":
-        """Some of these images, still on disk."""
-        return ImageRows(self._images, self._rows[indices])
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,15 +162,11 @@ class PlaceImages:
     @cached_property
     def flat(self) -> Bool[ndarray, "n"]:
         """Images without content, such as tunnels; see :func:`~sextant.data.places.flat_frames.flat_frames`."""
-        from sextant.data.places.flat_frames import flat_frames
-
         return flat_frames(self.images)
 
     @cached_property
     def still(self) -> Bool[ndarray, "n"]:
         """Images like the one before, such as at a stop; see :func:`~sextant.data.places.flat_frames.still_frames`."""
-        from sextant.data.places.flat_frames import still_frames
-
         return still_frames(self.images, self.traverse, self.frame)
 
 

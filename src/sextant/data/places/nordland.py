@@ -16,7 +16,7 @@ import numpy as np
 from sextant.data.places.aligned import AlignedRides, align_by_name, traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.images import PlaceImages
-from sextant.data.places.source import SPLITS, Split
+from sextant.data.places.split import SPLITS, Split
 from sextant.data.places.splits import FrameRanges
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import UserError

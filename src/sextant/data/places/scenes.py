@@ -14,7 +14,7 @@ from numpy import ndarray
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.scene_drive import LaidScenes, SceneDrive
 from sextant.data.places.source import PlaceSource
-from sextant.data.places.source import Split as PlaceSplit
+from sextant.data.places.split import Split as PlaceSplit
 from sextant.data.places.tolerance import PlaceTolerance
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, Split, channels_first
 from sextant.errors import UserError

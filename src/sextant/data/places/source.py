@@ -1,7 +1,7 @@
 """What a dataset of places is to the rest of Sextant."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 from sextant.data.places.images import PlaceImages
 from sextant.errors import UserError
@@ -9,8 +9,7 @@ from sextant.errors import UserError
 if TYPE_CHECKING:
     from sextant.data.rendered import RenderedSource
 
-Split = Literal["train", "val", "test"]
-SPLITS: tuple[Split, ...] = get_args(Split)
+from sextant.data.places.split import Split
 
 
 @runtime_checkable

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.data.places.images import PlaceImages
-from sextant.data.places.source import SPLITS, PlaceSource, Split
+from sextant.data.places.source import PlaceSource
+from sextant.data.places.split import SPLITS, Split
 from sextant.errors import UserError
 
 

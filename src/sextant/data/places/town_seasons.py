@@ -4,8 +4,9 @@ from typing import Literal
 
 import numpy as np
 
-from sextant.data.places.images import ImageRows, PlaceImages
-from sextant.data.places.source import Split
+from sextant.data.places.image_rows import ImageRows
+from sextant.data.places.images import PlaceImages
+from sextant.data.places.split import Split
 from sextant.data.rendered import RenderedSource
 
 
