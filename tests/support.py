@@ -1,6 +1,7 @@
 """What several tests need."""
 
 import errno
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,13 @@ def fill_disk(monkeypatch, name):
         return replace(path, target)
 
     monkeypatch.setattr(Path, "replace", refusing)
+
+
+def heeds_ctrl_c() -> None:
+    """For ``preexec_fn`` of a child that is to be interrupted: a suite started by ``nohup`` or in the background of a
+    script ignores SIGINT, and children would inherit that.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def as_published(network, path, push_pull=(), prefix="", **changes):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from rendered_toy import ToyPlan, contents
+from support import heeds_ctrl_c
 
 from sextant import cli
 from sextant.data.rendered import open_store
@@ -128,7 +129,13 @@ def test_ctrl_c_says_how_far_it_was_and_the_same_command_resumes(tmp_path):
     code = "import sys; from sextant.cli import run; run('data', sys.argv[1:])"
     command = [sys.executable, "-c", code, "render", *TOY, "dataset.size=4000", "+dataset.pause_s=0.02", "threads=2"]
     process = subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=tmp_path,
+        preexec_fn=heeds_ctrl_c,
     )
     deadline = time.monotonic() + 120
     while not any(path.stat().st_size for path in tmp_path.glob("data/*/journal.jsonl")):

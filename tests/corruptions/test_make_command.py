@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 from filelock import FileLock
+from support import heeds_ctrl_c
 
 from sextant.cli import corruptions_make
 from sextant.corruptions import making
@@ -169,7 +170,9 @@ def test_an_interrupted_process_resumes_to_the_same_files(make, tmp_path):
     np.save(tmp_path / "many.npy", np.tile(IMAGES, (100, 1, 1, 1)))
     arguments = ["set=cifar10_c", f"input={tmp_path / 'many.npy'}", "names=contrast,glass_blur,fog"]
     command = [sys.executable, "-m", "sextant.corruptions", "make", *arguments, f"output={tmp_path / 'out'}"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeds_ctrl_c
+    )
     while not (tmp_path / "out" / "contrast.npy").exists() and process.poll() is None:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)

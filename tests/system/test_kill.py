@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from support import QUICK, quick_config
+from support import QUICK, heeds_ctrl_c, quick_config
 
 from sextant.cli.execute import execute
 from sextant.runs.directory import RunDirectory, all_runs
@@ -109,7 +109,13 @@ def test_ctrl_c_ends_a_run_as_killed_and_the_same_command_resumes_it(tmp_path):
     command = [sys.executable, "train.py", *QUICK, "trainer.max_epochs=400", "trainer.progress=true"]
     environment = {**os.environ, "SEXTANT_OUTPUTS": str(tmp_path)}
     process = subprocess.Popen(
-        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        command,
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=heeds_ctrl_c,
     )
     deadline = time.monotonic() + 300
     while not list(tmp_path.glob("runs/*/*/checkpoints/last.ckpt")) and time.monotonic() < deadline:
