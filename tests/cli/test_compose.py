@@ -1,10 +1,16 @@
 """What is wrong with an override is told in the user's terms."""
 
+import shutil
+
 import pytest
 
+from sextant.cli import compose as compose_module
+from sextant.cli import config_files
 from sextant.cli.compose import compose, to_plain
+from sextant.cli.config_files import groups
 from sextant.cli.sweep_plan import check_sweep_overrides
 from sextant.errors import UserError
+from sextant.runs.outputs_folder import conf_dir
 
 
 def told(overrides, function=compose):
@@ -24,6 +30,9 @@ def told(overrides, function=compose):
         ("max_epochs=3", "Did you mean trainer.max_epochs=3?"),
         ("lr", "'lr' is not a key=value override"),
         ("a b=c=[", "is not a key=value override"),
+        ("optimizer.lrr=0.1", "Did you mean optimizer.lr=0.1?"),
+        ("optimizer.lrr=nan", "Did you mean optimizer.lr? There, optimizer.lr=nan: must be a finite number"),
+        ("rnu=foo", "Did you mean reuse? There, reuse='foo': must be 'exact' or 'any_code'"),
     ],
 )
 def test_one_wrong_override(override, said):
@@ -32,6 +41,40 @@ def test_one_wrong_override(override, said):
 
 def test_the_wrong_one_of_several_is_named():
     assert "backbone=lenet_z" in told(["dataset=digits", "optimizer.lr=0.1", "backbone=lenet_z"])
+
+
+@pytest.mark.parametrize("key", ["sampling.tilt", "sampling.tlit"])
+def test_a_value_of_another_kind_is_never_suggested(key):
+    said = told(["task=calibration", f"{key}=[10,-10]"])
+    assert said.startswith(f"{key}=[10,-10]: ")
+    assert "holds the keys kind, mean, std, low, high, not a list" in said
+    assert said.count("[10,-10]") == 1
+    assert "holds a list, not keys" in told(["task=calibration", "sampling.roll={kind: uniform}"])
+
+
+@pytest.fixture
+def own_configs(tmp_path, monkeypatch):
+    """A copy of ``conf`` that a test may spoil."""
+    copy = shutil.copytree(conf_dir(), tmp_path / "conf")
+    for module in (compose_module, config_files):
+        monkeypatch.setattr(module, "conf_dir", lambda: copy)
+    groups.cache_clear()
+    yield copy
+    groups.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"_target_: my.Network\n width: [3\n", "mine.yaml, line 2 is not YAML: mapping values are not allowed here"),
+        (b"_target_: my.Network\nwidth: [3\n", "mine.yaml, line 3 is not YAML: expected ',' or ']'"),
+        ("_target_: my.Rés".encode("latin-1"), "mine.yaml is not UTF-8: byte 15 is 0xe9"),
+    ],
+)
+def test_a_config_file_that_cannot_be_read_is_named(own_configs, content, said):
+    (own_configs / "backbone" / "mine.yaml").write_bytes(content)
+    assert f"{own_configs}/backbone/{said}" in told(["backbone=mine"])
+    assert compose(["backbone=lenet_b"])["backbone"]["variant"] == "B"
 
 
 def test_a_missing_mandatory_value_is_named():

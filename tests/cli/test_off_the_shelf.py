@@ -91,7 +91,7 @@ class Malicious:
     ("shelf", "said"),
     [
         ({"weights": "none.pth", "network": "alexnet"}, r"off_the_shelf\.weights=none\.pth: there is no such file"),
-        ({"weights": "none"}, r"task\.off_the_shelf: run=none: no run, run directory or checkpoint"),
+        ({"weights": "none"}, r"task\.off_the_shelf\.weights=none: no run, run directory or checkpoint"),
         ({"weights": "FILE", "network": "squeezenet1_0"}, r"task\.off_the_shelf\.weights=.*cannot be loaded"),
         ({"weights": "FILE", "network": "squeezenet9"}, r"off_the_shelf\.network='squeezenet9' is not"),
         ({"weights": "FILE", "network": "squeezenet1_1", "layer": "conv"}, r"off_the_shelf: layer='conv' is no layer"),

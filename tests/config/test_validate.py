@@ -101,3 +101,10 @@ def test_a_part_of_the_users_own_is_legal(composed):
     config = copy.deepcopy(composed)
     config["backbone"] = {"_target_": "my_package.Network", "depth": 3}
     assert validate(config).backbone.target == "my_package.Network"
+
+
+@pytest.mark.parametrize("value", [3, True, "x", ["x"], []], ids=str)
+def test_a_group_that_holds_no_keys_is_told_as_a_mistake(composed, value):
+    for group in composed:
+        if group not in ("seed", "init_from", "reuse"):
+            assert mistake(composed, group, value).startswith(f"{group}=")

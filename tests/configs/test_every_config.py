@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from sextant.cli.assemble import build, build_dataset
-from sextant.cli.compose import compose, groups, to_plain
+from sextant.cli.compose import compose, to_plain
+from sextant.cli.config_files import groups
 from sextant.cli.families.cosfire_checks import check_parts
 from sextant.cli.sweep_plan import cell_config, read_design
 from sextant.config import validate

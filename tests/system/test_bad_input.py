@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import sextant
 from sextant import cli
 
 ROOT = Path(__file__).parents[2]
@@ -36,6 +37,17 @@ MISTAKES = {
     "no value for a factor": (["-m", "sweep=demo", "sweep.factors.backbone=[]"], "at least 1 item"),
     "key that the arms set": (["-m", "sweep=demo", "inhibition=twin"], "inhibition is what the arms of this sweep"),
     "not an override": (["please train"], "'please train' is not a key=value override"),
+    "run of another command": (["run=foo"], "init_from=foo starts training from its weights"),
+    "start from no run": (["init_from=gone"], "init_from=gone: no run, run directory or checkpoint"),
+    "descriptor of no run": (
+        ["task=cosfire", "descriptor=run:gone"],
+        "descriptor.run=gone: no run, run directory",
+    ),
+    "features of no run": (["task=cosfire", "features=run:gone"], "features.run=gone: no run, run directory"),
+    "layer of no run": (
+        ["task=place_recognition", "task.off_the_shelf={weights: gone, layer: layer2}"],
+        "task.off_the_shelf.weights=gone: no run, run directory",
+    ),
 }
 
 
@@ -91,14 +103,16 @@ def test_light_paths_import_nothing_heavy(arguments, status, said, tmp_path):
     ("verb", "arguments", "said"),
     [
         ("evaluate", [], "which run?"),
-        ("evaluate", ["run=nothing"], "There are no runs here yet"),
+        ("evaluate", ["run=nothing"], "There are no trained runs here yet"),
         ("predict", ["run=nothing"], "input= is missing"),
-        ("report", ["sweep=demo", "tracking=maybe"], "There are no sweeps here yet"),
+        ("report", ["sweep=demo", "tracking=maybe"], "sweep=demo has not run here"),
         ("report", [], "which sweep?"),
         ("report", ["sweep=nothing"], "There are no sweeps here yet"),
         ("report", ["swep=demo"], "Did you mean sweep=demo?"),
         ("runs", ["delete", "classification/nothing"], "no such run"),
         ("runs", ["burn"], "not understood"),
+        ("frobnicate", [], "sextant frobnicate: no such command"),
+        ("trian", [], "Did you mean sextant train?"),
         ("dashboard", ["port=eighty"], "port=eighty must be a number"),
     ],
 )
@@ -108,3 +122,9 @@ def test_mistakes_with_the_other_commands(verb, arguments, said, capsys, monkeyp
         cli.run(verb, arguments)
     assert caught.value.code == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["train", "--version"])
+def test_the_version_is_ours(verb, capsys):
+    cli.run(verb, ["--version"])
+    assert capsys.readouterr().out == f"sextant {sextant.__version__}\n"

@@ -3,6 +3,11 @@
 import sys
 from importlib import import_module
 
+import sextant
+from sextant.errors import UserError
+
+USAGE = "usage: sextant <verb> [key=value ...]"
+
 #: verb -> module with a ``main(arguments)``, and what it does
 VERBS = {
     "train": ("sextant.cli.train", "train and test a model, or sweep with -m"),
@@ -26,14 +31,26 @@ def main() -> None:
 
 def run(verb: str, arguments: list[str]) -> None:
     """Run one verb; a user's mistake ends with one message and exit status 2."""
-    if verb not in VERBS:
-        print("usage: sextant <verb> [key=value ...]\n")
-        print("\n".join(f"  {name:<10} {what}" for name, (_, what) in VERBS.items()))
-        sys.exit(0 if verb in ("-h", "--help") else 2)
+    if "--version" in (verb, *arguments):
+        print(f"sextant {sextant.__version__}")
+        return
+    if verb in ("-h", "--help"):
+        print(f"{USAGE}\n\n{_listed_verbs()}")
+        return
     from sextant.cli.console import reporting_mistakes
 
     with reporting_mistakes():
+        if verb not in VERBS:
+            from sextant.config import nearest
+
+            near = nearest(verb, VERBS)
+            hint = f"Did you mean sextant {near}? " if near else ""
+            raise UserError(f"sextant {verb}: no such command", f"{hint}Commands:\n{_listed_verbs()}")
         import_module(VERBS[verb][0]).main([word for argument in arguments for word in spelled_out(argument)])
+
+
+def _listed_verbs() -> str:
+    return "\n".join(f"  {name:<10} {what}" for name, (_, what) in VERBS.items())
 
 
 def spelled_out(argument: str) -> list[str]:

@@ -205,7 +205,8 @@ def _load(text: str, key: str) -> NDArray[Any]:
 def _dataset(name: str) -> "tuple[Images, NDArray[Any]]":
     """The test split of a dataset of labelled images."""
     from sextant.cli.assemble import build_dataset
-    from sextant.cli.compose import compose, groups, to_plain
+    from sextant.cli.compose import compose, to_plain
+    from sextant.cli.config_files import groups
     from sextant.config import validate
     from sextant.data.source import ImageSource
 

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
 from hydra.utils import get_object
 from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.assemble import build_dataset
-from sextant.cli.compose import compose, groups, to_plain
+from sextant.cli.compose import compose, to_plain
+from sextant.cli.config_files import groups, read_config_file
 from sextant.cli.console import console, key_value_table
 from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
@@ -126,7 +126,7 @@ def _rendered_datasets() -> str:
     """The options of the group ``dataset`` that can be rendered, in one sentence."""
     names = []
     for name in groups()["dataset"]:
-        content = yaml.safe_load((conf_dir() / "dataset" / f"{name}.yaml").read_text())
+        content = read_config_file(conf_dir() / "dataset" / f"{name}.yaml")
         if _is_rendered(str(content.get("_target_", "sextant."))):
             names.append(name)
     return f"Rendered datasets: {', '.join(names) or 'none yet'}"

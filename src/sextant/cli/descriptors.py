@@ -41,7 +41,7 @@ class TrainedDescriptor:
         Raises:
             UserError: there is no such run.
         """
-        return resolve_run(self.run, outputs).identity
+        return resolve_run(self.run, outputs, "descriptor.run").identity
 
     def describer(self, outputs: Path) -> "NetworkDescriber":
         """The network, ready to describe images of the size it was trained on.
@@ -56,7 +56,7 @@ class TrainedDescriptor:
         from sextant.runs.checkpoint import KEY
         from sextant.tasks.place_network import TrainedPlaceNetwork
 
-        found = resolve_run(self.run, outputs)
+        found = resolve_run(self.run, outputs, "descriptor.run")
         trained = read_trained(found.checkpoint)[KEY]
         if trained["task"] != "place_recognition":
             raise UserError(

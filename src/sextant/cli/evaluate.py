@@ -8,7 +8,8 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 
-from sextant.cli.compose import compose, groups, to_plain
+from sextant.cli.compose import compose, to_plain
+from sextant.cli.config_files import groups
 from sextant.cli.execute import OpenMirror, identity_of, run_once
 from sextant.cli.families import Source, family_of
 from sextant.cli.show import show_result

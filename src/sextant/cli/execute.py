@@ -64,7 +64,7 @@ def identity_of(config: Config) -> dict[str, Any]:
     """A typed config as plain values, with what its files hold in place of where they lie."""
     typed = config.model_dump(by_alias=True)
     if config.init_from is not None:
-        typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs)).identity
+        typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").identity
     shelf = getattr(config.task, "off_the_shelf", None)
     if shelf is not None:
         from sextant.cli.off_the_shelf import weights_identity
@@ -75,7 +75,8 @@ def identity_of(config: Config) -> dict[str, Any]:
 
         typed["descriptor"] = descriptor_identity(typed["descriptor"], Path(config.paths.outputs))
     if config.features is not None and config.features.run is not None:
-        typed["features"]["run"] = resolve_run(config.features.run, Path(config.paths.outputs)).identity
+        features = resolve_run(config.features.run, Path(config.paths.outputs), "features.run")
+        typed["features"]["run"] = features.identity
     if isinstance(config.corruption, StoredSuite):
         from sextant.corruptions.stored_suite import folder_identity
 

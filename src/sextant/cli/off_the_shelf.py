@@ -43,8 +43,7 @@ def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
     if shelf.network is None:
         from sextant.runs.resolve import resolve_run
 
-        with _naming_the_key():
-            return resolve_run(shelf.weights, outputs).identity
+        return resolve_run(shelf.weights, outputs, f"{KEY}.weights").identity
     if shelf.weights == "imagenet":
         return shelf.weights
     path = Path(shelf.weights).expanduser()
@@ -97,7 +96,7 @@ def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
     from sextant.runs.checkpoint import KEY as CONTENT
     from sextant.runs.resolve import resolve_run
 
-    path = resolve_run(shelf.weights, outputs).checkpoint
+    path = resolve_run(shelf.weights, outputs, f"{KEY}.weights").checkpoint
     content = read_trained(path)[CONTENT]
     raw, config = checkpoint_config(content, [])
     channels = int(content["spec"].get("channels", 3))

@@ -49,7 +49,7 @@ def train_and_test(
     spec = family.spec(raw, config, source, data)
     module = family.module(raw, spec, training=True)
     if config.init_from is not None:
-        checkpoint = resolve_run(config.init_from, Path(config.paths.outputs)).checkpoint
+        checkpoint = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").checkpoint
         _load_weights(module, read_trained(checkpoint), checkpoint)
     logger = RunLogger(directory, mirror)
     callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]

@@ -181,6 +181,5 @@ def _require_run(kept: KeptDescriptor, run: Path | str, folder: Path) -> None:
         of = "of another run" if kept.facts["kind"] == "network" else f"no network's ({kept.facts['kind']})"
         raise UserError(
             f"run={run}: the descriptors of the map in {folder} are {of}, so its images cannot be compared with them",
-            "Leave out run= to use the map's own descriptor, or build the map anew with descriptor=trained "
-            f"descriptor.run={run}",
+            f"Leave out run= to use the map's own descriptor, or build the map anew with descriptor=run:{run}",
         )

@@ -20,6 +20,7 @@ from sextant.errors import UserError
 from sextant.layers import PushPullConv2d
 from sextant.models.densenet_cifar import DenseNetCifar
 from sextant.models.resnet_cifar import ResNetCifar
+from sextant.models.weights_file import why_unread
 
 IMAGE_SIZE = (32, 32)
 FIX = "Give a checkpoint.pth.tar or model_best.pth.tar of https://github.com/nicstrisc/Push-Pull-CNN-layer."
@@ -79,8 +80,7 @@ def _read(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise UserError(f"there is no published network at {path}", FIX) from None
     except Exception as error:  # a damaged pickle can fail in any way
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        problem = f"{path} cannot be read as a published network, nothing in it was executed: {reason}"
+        problem = f"{path} cannot be read as a published network, nothing in it was executed: {why_unread(error)}"
         raise UserError(problem, f"It may be truncated. {FIX}") from None
     if not isinstance(content, dict) or not {"epoch", "state_dict", "best_prec1"} <= set(content):
         raise UserError(f"{path} is not a published network: it should hold epoch, state_dict and best_prec1", FIX)

@@ -1,5 +1,7 @@
 """Weights of a network from a file that somebody else wrote; nothing in it is executed."""
 
+import pickle
+import re
 from pathlib import Path
 
 import torch
@@ -29,6 +31,16 @@ def load_weights(network: nn.Module, path: Path, key: str = "backbone.weights") 
         network.load_state_dict(state)
     except Exception as error:
         raise UserError(
-            f"{key}={path} cannot be loaded: {str(error).splitlines()[0]}",
+            f"{key}={path} cannot be loaded: {why_unread(error)}",
             "Give a state dict of this network, as torchvision saves it.",
         ) from None
+
+
+def why_unread(error: Exception) -> str:
+    """Why torch did not read a file of weights, in one line, without its advice on how to run what the file holds."""
+    lines = str(error).splitlines() or [type(error).__name__]
+    if not isinstance(error, pickle.UnpicklingError):
+        return lines[0]
+    if (named := re.search(r"GLOBAL (\S+)", str(error))) is not None:
+        return f"it would call {named[1]}"
+    return "it holds more than tensors and plain containers"

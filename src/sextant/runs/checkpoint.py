@@ -9,6 +9,7 @@ from pytorch_lightning.plugins.io import CheckpointIO
 
 from sextant.atomic_files import write_atomically
 from sextant.errors import UserError
+from sextant.models.weights_file import why_unread
 
 SCHEMA_VERSION = 1
 KEY = "sextant"
@@ -52,9 +53,8 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise UserError(f"no checkpoint at {path}") from None
     except pickle.UnpicklingError as error:
-        reason = str(error).splitlines()[0]
         raise UserError(
-            f"{path} is not a plain checkpoint and was not loaded: {reason}",
+            f"{path} is not a plain checkpoint and was not loaded: {why_unread(error)}",
             "Only tensors and plain containers are read; nothing in the file was executed.",
         ) from None
     except (RuntimeError, EOFError, OSError, ValueError, KeyError) as error:

@@ -26,11 +26,16 @@ class FoundRun:
         return hashlib.sha256(self.checkpoint.read_bytes()).hexdigest()
 
 
-def resolve_run(reference: str, outputs: Path) -> FoundRun:
+def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
     """The run that ``reference`` names: an MLflow run id, a run directory or its name, or a checkpoint file.
 
+    Args:
+        reference: what the user wrote.
+        outputs: folder of runs.
+        key: that the user wrote it for, in messages.
+
     Raises:
-        UserError: there is no such run, or it has no checkpoint yet; lists the runs there are.
+        UserError: there is no such run, or it has no checkpoint yet; lists the trained runs there are.
     """
     path = Path(reference).expanduser()
     if path.is_file():
@@ -38,22 +43,24 @@ def resolve_run(reference: str, outputs: Path) -> FoundRun:
         return FoundRun(path.absolute(), parent if parent.state() else None)
     for candidate in (path, outputs / path, outputs / "runs" / path, *outputs.glob(f"runs/*/{reference}")):
         if candidate.is_dir() and RunDirectory(candidate).state():
-            return _with_checkpoint(RunDirectory(candidate.absolute()), reference)
+            return _with_checkpoint(RunDirectory(candidate.absolute()), f"{key}={reference}")
     for directory in all_runs(outputs):
         if reference in directory.tracking_ids():
-            return _with_checkpoint(directory, reference)
-    names = [f"{d.path.parent.name}/{d.path.name}" for d in all_runs(outputs)][-8:]
-    known = "Runs here: " + ", ".join(names) if names else "There are no runs here yet: python train.py makes one"
-    raise UserError(f"run={reference}: no run, run directory or checkpoint of that name. {known}")
+            return _with_checkpoint(directory, f"{key}={reference}")
+    trained = [d.path for d in all_runs(outputs) if _checkpoint(d).is_file()][-8:]
+    names = ", ".join(f"{path.parent.name}/{path.name}" for path in trained)
+    known = f"Trained runs here: {names}" if names else "There are no trained runs here yet: python train.py makes one"
+    raise UserError(f"{key}={reference}: no run, run directory or checkpoint of that name. {known}")
 
 
-def _with_checkpoint(directory: RunDirectory, reference: str) -> FoundRun:
-    results = directory.results() or {}
-    chosen = directory.last_checkpoint
-    if results.get("test_checkpoint") == "best":
-        chosen = directory.best_checkpoint
+def _with_checkpoint(directory: RunDirectory, said: str) -> FoundRun:
+    chosen = _checkpoint(directory)
     if not chosen.is_file():
-        raise UserError(
-            f"run={reference}: {directory.path} has no checkpoint yet", "Run the same training command: it resumes."
-        )
+        raise UserError(f"{said}: {directory.path} has no checkpoint yet", "Run the same training command: it resumes.")
     return FoundRun(chosen, directory)
+
+
+def _checkpoint(directory: RunDirectory) -> Path:
+    """The checkpoint that was tested, or will be."""
+    best = (directory.results() or {}).get("test_checkpoint") == "best"
+    return directory.best_checkpoint if best else directory.last_checkpoint

@@ -52,4 +52,6 @@ def _module_source(name: str) -> bytes:
         spec = find_spec(name)
     except (ImportError, ValueError):
         return b""
-    return Path(spec.origin).read_bytes() if spec is not None and spec.origin is not None else b""
+    if spec is None or not spec.has_location or spec.origin is None:  # missing, or of the interpreter itself
+        return b""
+    return Path(spec.origin).read_bytes()

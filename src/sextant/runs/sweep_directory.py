@@ -9,6 +9,7 @@ from typing import Any
 
 from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
+from sextant.runs.outputs_folder import conf_dir
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def find_sweep(reference: str, outputs: Path) -> Path:
     """The directory of a sweep given by its name (the newest of that name), directory, or MLflow parent run.
 
     Raises:
-        UserError: there is no such sweep; lists those there are.
+        UserError: there is no such sweep, or it has not run; lists those that have.
     """
     path = Path(reference).expanduser()
     if (path / "cells.json").is_file():
@@ -108,6 +109,11 @@ def find_sweep(reference: str, outputs: Path) -> Path:
     for directory, plan in plans:
         if reference == plan.name or reference in plan.mlflow_runs:
             return directory
+    if (conf_dir() / "sweep" / f"{reference}.yaml").is_file():
+        raise UserError(
+            f"sweep={reference} has not run here: nothing of it lies in {outputs}",
+            f"Run it: python train.py -m sweep={reference}. If it ran into another folder: outputs=<folder>.",
+        )
     names = ", ".join(dict.fromkeys(plan.name for _, plan in plans))
     known = f"Sweeps here: {names}" if names else "There are no sweeps here yet: make sweep-demo makes one"
     raise UserError(f"sweep={reference}: no sweep of that name, directory or parent run. {known}")

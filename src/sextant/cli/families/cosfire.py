@@ -102,7 +102,8 @@ class CosfireFamily(Family):
             from sextant.cli.trained_model import read_trained
             from sextant.runs.checkpoint import KEY
 
-            content = read_trained(resolve_run(config.features.run, Path(config.paths.outputs)).checkpoint)[KEY]
+            found = resolve_run(config.features.run, Path(config.paths.outputs), "features.run")
+            content = read_trained(found.checkpoint)[KEY]
             told["features"] = {name: content[name] for name in ("task", "config", "spec")}
         return told
 

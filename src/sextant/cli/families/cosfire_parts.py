@@ -75,7 +75,7 @@ def features_of_run(
         )
     module = family_of(kept["task"]).module(kept["config"], kept["spec"], training=False)
     if training:
-        checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"])).checkpoint
+        checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"]), "features.run").checkpoint
         module.load_state_dict(read_trained(checkpoint)["state_dict"])
     layer = raw["features"]["layer"]
     if kept["task"] == "place_recognition":

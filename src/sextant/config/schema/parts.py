@@ -28,7 +28,7 @@ def choose_part(*known: type[Part]) -> Discriminator:
     targets = {part.model_fields["target"].annotation.__args__[0] for part in known}  # type: ignore[union-attr]
 
     def tag(value: Any) -> str:
-        target = str(value.get("_target_") if isinstance(value, dict) else value.target)
+        target = str(value.get("_target_") if isinstance(value, dict) else getattr(value, "target", None))
         return target if target in targets else "custom"
 
     return Discriminator(tag)

@@ -1,0 +1,158 @@
+"""What is wrong with an override, in the user's terms; found by looking at one override after the other."""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from hydra import compose as hydra_compose
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException, OverrideParseException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from sextant.cli.config_files import groups, unreadable_config_file
+from sextant.config import nearest, validate
+from sextant.errors import UserError
+
+COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # the last for a group that is null
+#: keys of other commands, and what one may have wanted of them
+ELSEWHERE = {
+    "run": "python evaluate.py run={0} tests a trained model, python predict.py run={0} applies it; "
+    "init_from={0} starts training from its weights",
+}
+
+
+def explain(error: Exception, overrides: Sequence[str], name: str) -> UserError:
+    """The mistake in ``overrides`` behind an error that composing the config ``name`` raised."""
+    values: list[Override] = []
+    for text in overrides:
+        try:
+            (override,) = OverridesParser.create().parse_overrides([text])
+        except OverrideParseException:
+            return UserError(
+                f"{text!r} is not a key=value override",
+                "Write key=value without spaces; quote values with special characters: 'key=\"a, b\"'",
+            )
+        if override.is_sweep_override():
+            return UserError(
+                f"{text} lists several values", f"A sweep needs -m: python train.py -m {' '.join(overrides)}"
+            )
+        key = override.key_or_group
+        if key.split("/")[0] == "hydra" or key.startswith("hydra."):
+            continue
+        if key not in groups():
+            values.append(override)
+        elif (wrong := _wrong_option(override, text)) is not None:
+            return wrong
+    return _wrong_value(values, overrides, name) or unreadable_config_file() or UserError(_first_line(error))
+
+
+def _wrong_option(override: Override, text: str) -> UserError | None:
+    """An error if a group has no such option."""
+    key, options = override.key_or_group, groups()[override.key_or_group]
+    if override.is_delete():
+        return None
+    if override.value() is None:
+        return UserError(f"{text}: a group cannot be null", f"Leave it out: '~{key}'")
+    value = override.get_value_element_as_str()
+    if value in (*options, "null"):
+        return None
+    near = nearest(value, options)
+    hint = f"Did you mean {key}={near}? " if near else ""
+    return UserError(f"{key}={value}: no such option", f"{hint}Options: {', '.join(options)}")
+
+
+def _wrong_value(values: Sequence[Override], overrides: Sequence[str], name: str) -> UserError | None:
+    """An error if a key is in no config that these overrides choose, or holds something of another kind."""
+    choices = [text for text in overrides if text.split("=")[0] in groups()]
+    try:
+        chosen = _composed(choices, name)
+    except COMPOSING:
+        return None
+    for override in values:
+        if override.key_or_group not in _flat(chosen):
+            return _unknown_key(override, chosen, choices, name)
+        text = str(override.input_line)
+        try:
+            _composed([*choices, text], name)
+        except COMPOSING as error:
+            if (kind := _other_kind(override.key_or_group, override.value(), chosen)) is not None:
+                return UserError(f"{text}: {kind}", _how_to_set(override.key_or_group, chosen))
+            return UserError(f"{text}: {_first_line(error)}")
+    return None
+
+
+def _unknown_key(override: Override, chosen: dict[str, Any], choices: Sequence[str], name: str) -> UserError:
+    key, value = override.key_or_group, _text(override)
+    if key in ELSEWHERE:
+        return UserError(f"{key}={value}: unknown key", ELSEWHERE[key].format(value))
+    known = _flat(chosen)
+    near = nearest(key, [*known, *groups()]) or nearest(key.rsplit(".", 1)[-1], [*known, *groups()])
+    if near is not None:
+        return UserError(f"{key}={value}: unknown key", _suggestion(near, override, chosen, choices, name))
+    siblings = [k for k in known if k.startswith(key.split(".", maxsplit=1)[0] + ".")] if "." in key else []
+    told = f"Keys there: {', '.join(siblings)}" if siblings else f"Groups: {', '.join(groups())}"
+    return UserError(f"{key}={value}: unknown key", told)
+
+
+def _suggestion(near: str, override: Override, chosen: dict[str, Any], choices: Sequence[str], name: str) -> str:
+    """The key that may be meant, with the value if it is legal there."""
+    value = _text(override)
+    if near in groups():
+        fits = value in groups()[near]
+        return f"Did you mean {near}={value}?" if fits else f"Did you mean {near}? Options: {', '.join(groups()[near])}"
+    if (kind := _other_kind(near, override.value(), chosen)) is not None:
+        return f"Did you mean {near}? It {kind}. {_how_to_set(near, chosen)}"
+    try:
+        validate(_composed([*choices, f"{near}={value}"], name))
+    except UserError as error:
+        told = next((line for line in error.problem.splitlines() if line.startswith(near)), None)
+        if told is not None:
+            return f"Did you mean {near}? There, {told}"
+    except COMPOSING:
+        return f"Did you mean {near}?"
+    return f"Did you mean {near}={value}?"
+
+
+def _other_kind(key: str, value: Any, chosen: dict[str, Any]) -> str | None:
+    """What a key holds, where it is keys or a list and ``value`` is the other of the two."""
+    held = _flat(chosen)[key]
+    if isinstance(held, dict) and isinstance(value, list):
+        return f"holds the keys {', '.join(map(str, held))}, not a list"
+    if isinstance(held, list) and isinstance(value, dict):
+        return "holds a list, not keys"
+    return None
+
+
+def _how_to_set(key: str, chosen: dict[str, Any]) -> str:
+    held = _flat(chosen)[key]
+    if isinstance(held, dict):
+        inner, value = next(((k, v) for k, v in held.items() if not isinstance(v, dict | list)), (next(iter(held)), ""))
+        return f"Set one of them, for example {key}.{inner}={value}; a file in conf/ can hold anything else."
+    return f"Write a list, {key}=[..]; a file in conf/ can hold anything else."
+
+
+def _composed(overrides: Sequence[str], name: str) -> dict[str, Any]:
+    composed = OmegaConf.to_container(hydra_compose(name, overrides=list(overrides)), resolve=False)
+    assert isinstance(composed, dict)
+    return {str(key): value for key, value in composed.items()}
+
+
+def _flat(node: Any, prefix: str = "") -> dict[str, Any]:
+    """Everything within a node by its dotted key, what holds keys of its own included."""
+    if not isinstance(node, dict):
+        return {}
+    found: dict[str, Any] = {}
+    for name, value in node.items():
+        found |= {f"{prefix}{name}": value} | _flat(value, f"{prefix}{name}.")
+    return found
+
+
+def _text(override: Override) -> str:
+    return override.get_value_element_as_str() if override.value() is not None else ""
+
+
+def _first_line(error: Exception) -> str:
+    first = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
+    return re.sub(r"\s+", " ", first)
