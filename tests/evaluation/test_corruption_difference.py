@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from sextant.evaluation.corruption_difference import corruption_differences
+from sextant.evaluation.multiplicity import holm
 from sextant.evaluation.paired import paired_difference
 
 
@@ -42,6 +44,18 @@ def test_certain_are_those_whose_interval_leaves_zero_out():
     assert list(found.by_corruption) == ["snow", "fog", "frost"]
     assert (found.wins, found.losses, found.certain_wins, found.certain_losses) == (2, 1, 1, 1)
     assert [found.by_corruption[name].wins for name in ("snow", "fog", "frost")] == [3, 1, 0]  # of the treatment
+
+
+def test_under_holm_are_those_of_the_t_test_corrected_for_their_number():
+    rng = np.random.default_rng(0)
+    control = {name: rng.normal(0.5, 0.01, 8) for name in ("fog", "snow", "frost", "blur", "noise")}
+    shifts = dict(zip(control, (-0.1, 0.1, -0.009, 0.0, 0.0), strict=True))
+    treatment = {name: errors + shifts[name] + rng.normal(0, 0.01, 8) for name, errors in control.items()}
+    found = corruption_differences(treatment, control)
+    raw = [stats.ttest_rel(treatment[name], control[name]).pvalue for name in control]
+    assert list(found.p_holm.values()) == pytest.approx(holm(raw))
+    assert (found.certain_wins, found.certain_losses) == (2, 1)
+    assert (found.holm_wins, found.holm_losses) == (1, 1)  # frost is certain alone, but not as one of five
 
 
 def test_one_seed_has_wins_but_no_intervals():

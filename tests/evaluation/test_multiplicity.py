@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from statsmodels.stats.multitest import multipletests
 
 from sextant.evaluation import holm
 
@@ -42,3 +43,8 @@ def test_the_order_of_the_tests_does_not_matter(p_values, random):
     order = random.sample(range(len(p_values)), len(p_values))
     shuffled = holm([p_values[i] for i in order])
     assert shuffled == list(np.array(holm(p_values))[order])
+
+
+def test_it_is_what_statsmodels_finds():
+    p_values = [0.2, 0.001, 0.04, 0.001, 1.0, 0.0, 0.012, 0.04, 0.5]
+    assert holm(p_values) == pytest.approx(multipletests(p_values, method="holm")[1])

@@ -192,3 +192,29 @@ def test_one_skewed_seed_makes_the_bootstrap_interval_lopsided_on_its_side():
 @pytest.mark.parametrize("interval_of", [mean_interval, lambda v: crossed_interval(v[:, None])])
 def test_fewer_than_two_values_have_no_interval(interval_of):
     assert np.isnan(interval_of(np.array([0.5]))).all()
+
+
+@given(st.integers(0, 999), st.sampled_from(["t", "bootstrap"]))
+def test_intervals_are_cut_at_the_largest_difference(seed, method):
+    right = np.random.default_rng(seed).random((2, 6, 20)) < np.array([0.99, 0.02])[:, None, None]
+    treatment, control = 100.0 * right
+    free = paired_difference(treatment, control, method=method)
+    cut = paired_difference(treatment, control, method=method, largest=100)
+    other = paired_difference(control, treatment, method=method, largest=100)
+    assert interval(cut) == (max(free.low, -100), min(free.high, 100))
+    assert -100 <= other.low <= other.image_high <= 100
+    assert cut.image_high <= 100
+    assert (cut.mean, cut.p_value) == (free.mean, free.p_value)
+
+
+def test_the_cut_leaves_a_missing_interval_missing():
+    found = paired_difference(np.array([1.0]), np.array([0.0]), largest=100)
+    assert np.isnan([found.low, found.high, found.image_low, found.image_high, found.t_p_value]).all()
+
+
+@given(st.integers(0, 999), st.integers(2, 9))
+def test_the_t_tests_p_belongs_to_the_interval(seed, pairs):
+    treatment, control = two_arms(seed, pairs)
+    result = paired_difference(treatment, control)
+    assert result.t_p_value == pytest.approx(stats.ttest_rel(treatment, control).pvalue)
+    assert (result.t_p_value < 0.05) == (not result.low <= 0 <= result.high)

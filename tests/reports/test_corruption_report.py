@@ -116,10 +116,12 @@ def test_tables_give_per_cent_of_the_pairs(sweep):
     assert fog[:5] == ["weather", "fog", "15.00", "20.00", "+5.00"]
     assert mean[1:5] == ["**mean of 2**", "22.50", "20.00", "-2.50"]
     assert [row[6] for row in (noise, fog, mean)] == ["3/3", "0/3", "2/3"]
-    assert fog[7].startswith("+2.50 [")
+    # of t tests of (-2, -1, -3) and (0, 1, 2) images, p = 0.0742 and 0.2254; Holm doubles the lesser
+    assert [row[7] for row in (noise, fog, mean)] == ["0.1484", "0.2254", "–"]
+    assert fog[8].startswith("+2.50 [")
     overview, floor = overview_table(corruption_contrasts(sweep)).rows
     assert overview[:7] == ["net", "b minus a", "3†", "1", "22.50", "20.00", "-2.50"]
-    assert overview[8:] == ["2/3", "1/2", "1/2", "0/2", "0/2"]
+    assert overview[8:] == ["2/3", "1/2", "1/2", "0/2", "0/2", "0/2", "0/2"]
     assert floor[1] == "twin minus a (noise floor)"
 
 
@@ -129,12 +131,15 @@ def test_corruption_errors_are_relative_to_the_sets_baseline(tmp_path):
     results = made_up_sweep(tmp_path, {"a": [MadeUpRun(wrong), MadeUpRun(other)]})
     baseline = baseline_of(results.shared)
     assert baseline == ALEXNET_CIFAR10_C  # fog 30.31 %, clean 13.87 %
-    ((setting, arm, seeds, mce, relative),) = score_table(arm_errors(results), baseline, {"of 1": ("fog",)}).rows
+    (row,) = score_table(arm_errors(results), baseline, {"of 1": ("fog",)}).rows
+    setting, arm, seeds, clean, mce, relative = row
     assert (setting, arm, seeds) == ("net", "a", "2")
+    assert clean == "10.00 ± 0.00 –"
     assert mce.split(" [")[0] == "57.74 ± 11.66"  # of 49.49 and 65.98
     assert relative.split(" [")[0] == "45.62 ± 21.51"  # of 30.41 and 60.83
     text = corruption_section(results).text
     assert "### Beside AlexNet on CIFAR-10-C" in text
+    assert "one that errs more on clean images has less to lose, and a lower relative mCE" in text
 
 
 def test_there_is_no_score_without_a_baseline_or_with_missing_severities(sweep):
@@ -185,7 +190,8 @@ def test_published_accuracies_become_errors(tmp_path):
 def test_the_report_shows_summaries_and_every_picture_that_it_names(sweep):
     paths = {path.name for path in write_report(sweep)}
     text = (sweep.directory / "report" / "report.md").read_text()
-    assert "| setting | arm | seeds | diverged | failed | missing | clean | corrupted |" in text
+    assert "| setting | arm | clean | corrupted |" in text
+    assert "| setting | arm | seeds | diverged | failed | missing |" in text
     assert "Difference in error (points), paired by seed, on the same test images; lower is better" in text
     named = set(re.findall(r"\]\(([^)]+\.png)\)", text))
     assert named == {
@@ -214,7 +220,7 @@ def test_three_corruptions_make_a_radar_chart_of_every_setting(tmp_path):
 def test_one_seed_has_differences_without_intervals(tmp_path):
     results = made_up_sweep(tmp_path, {"a": [changed()], "b": [changed(noise=-1)]})
     (contrast,) = corruption_contrasts(results)
-    assert difference_table(contrast).rows[0][4:] == ["-5.00", "–", "1/1"]
+    assert difference_table(contrast).rows[0][4:] == ["-5.00", "–", "1/1", "–"]
     write_report(results)
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from sextant.atomic_files import write_json
 from sextant.evaluation.localization_success import share_of
+from sextant.reports.cell_tables import cells_table
 from sextant.reports.contrasts import contrasts
 from sextant.reports.measure import SUCCESS, measured
 from sextant.reports.particles_report import (
@@ -22,7 +23,7 @@ from sextant.reports.particles_report import (
 )
 from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
-from sextant.reports.sweep_report import cells_table, write_report
+from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
 

@@ -14,7 +14,16 @@ from sextant.reports.measure import CALIBRATION_ERRORS
 from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
-from sextant.reports.tables import TextTable, interval, is_number, number
+from sextant.reports.tables import (
+    NOTHING,
+    WIDEST,
+    Entry,
+    TextTable,
+    arms_table,
+    interval,
+    is_number,
+    number,
+)
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.sweep_directory import Cell, SweepPlan
 
@@ -78,8 +87,10 @@ def test_a_cell_is_the_distribution_over_converged_seeds(sweep):
     assert row.mean == pytest.approx(np.mean(values))
     assert row.median == pytest.approx(np.median(values))
     assert row.spread == pytest.approx(np.std(values, ddof=1))
-    low, high = stats.t.interval(0.95, 7, np.mean(values), stats.sem(values))
-    assert (row.low, row.high) == pytest.approx((low, high))
+    p = np.mean(values) / 100
+    n = p * (1 - p) / (stats.sem(values) / 100) ** 2 * (stats.norm.ppf(0.975) / stats.t.ppf(0.975, 7)) ** 2
+    ends = stats.beta.ppf([0.025, 0.975], [n * p, n * p + 1], [n * (1 - p) + 1, n * (1 - p)])
+    assert (row.low, row.high) == pytest.approx(tuple(100 * ends))
     assert row.all_mean == pytest.approx(np.mean([*values, accuracy["b", 3, "clean"]]))
 
 
@@ -158,6 +169,39 @@ def test_tables_and_numbers():
     assert "1 \\% & x\\_y \\\\" in table.latex()
     assert [number(1.005, sign=True), number(float("nan")), interval(-1, 2, 1)] == ["+1.00", "–", "[-1.0, 2.0]"]
     assert [is_number(text) for text in ("1", "-2e3", "nan", "inf", "[1]", "")] == [True, True, *[False] * 4]
+
+
+def entries(quantities, arms):
+    return [Entry(["net"], arm, {q: f"{q}{arm}" for q in quantities}) for arm in arms]
+
+
+def test_no_table_has_more_columns_than_can_be_read():
+    few, many = list("xy"), [f"c{number}" for number in range(27)]
+    beside = arms_table(["setting"], "condition", entries(few, "ab"))
+    assert (beside.columns, beside.rows[0]) == (["setting", "arm", "x", "y"], ["net", "a", "xa", "ya"])
+    crossed = arms_table(["setting"], "condition", entries(many, "ab"))
+    assert crossed.columns == ["setting", "condition", "a", "b"]
+    assert [len(crossed.rows), crossed.rows[26]] == [27, ["net", "c26", "c26a", "c26b"]]
+    long = arms_table(["setting"], "condition", entries(many, [f"arm{number}" for number in range(WIDEST + 1)]))
+    assert long.columns == ["setting", "condition", "arm", "value"]
+    assert len(long.rows) == 27 * (WIDEST + 1)
+    gap = arms_table(["setting"], "condition", [*entries(many, "a"), *entries(many[:1], "b")])
+    assert gap.rows[:2] == [["net", "c0", "c0a", "c0b"], ["net", "c1", "c1a", NOTHING]]
+
+
+def test_a_report_is_the_same_to_the_byte_when_it_is_written_again(sweep):
+    results, _ = sweep
+    first = {path.name: path.read_bytes() for path in write_report(results)}
+    assert {path.name: path.read_bytes() for path in write_report(results)} == first
+    assert any(name.endswith(".svg") for name in first)
+
+
+def test_the_test_behind_each_p_is_named(sweep):
+    results, _ = sweep
+    text = next(path for path in write_report(results) if path.name == "report.md").read_text()
+    assert "p (Wilcoxon, Holm)" in text
+    assert "p is of Wilcoxon's signed-rank test over pairs, two-sided, corrected by Holm" in text
+    assert "Korn and Graubard's, for shares, which stays within 0 and 100" in text
 
 
 def test_runs_of_calibration_are_compared_by_median_errors(tmp_path):

@@ -67,7 +67,7 @@ def _show(results: "SweepResults") -> None:
             "noise floor",
             "published",
             "pairs",
-            "p (Holm)",
+            "p (Wilcoxon, Holm)",
         )
         title = f"{name}: {results.measure.difference}, {results.measure.better} is better"
         table = Table(*columns, title=title, title_justify="left", title_style="bold")

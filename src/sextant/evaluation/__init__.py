@@ -23,6 +23,8 @@ from sextant.evaluation.paired import PairedDifference, mean_interval, paired_di
 from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
 from sextant.evaluation.pose_posterior import PosteriorCalibration, nees, particle_nll, posterior_calibration
 from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, LocalizationProtocol, classification_converged
+from sextant.evaluation.share_interval import share_interval, share_interval_of
+from sextant.evaluation.stratified import Sample, StratifiedDifference, stratified_difference
 from sextant.evaluation.trajectory_error import ErrorStatistics, absolute_errors, relative_errors
 
 __all__ = [
@@ -42,6 +44,8 @@ __all__ = [
     "LocalizationProtocol",
     "PairedDifference",
     "PosteriorCalibration",
+    "Sample",
+    "StratifiedDifference",
     "absolute_errors",
     "classification_converged",
     "corruption_differences",
@@ -61,5 +65,8 @@ __all__ = [
     "read_baseline",
     "recovery_after",
     "relative_errors",
+    "share_interval",
+    "share_interval_of",
+    "stratified_difference",
     "write_baseline",
 ]

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from sextant.evaluation.multiplicity import holm
 from sextant.evaluation.paired import PairedDifference, paired_difference
 
 
@@ -20,8 +21,10 @@ class CorruptionDifferences:
         wins, losses: corruptions on which the treatment's mean error is lower, or higher.
         certain_wins, certain_losses: those whose interval over seeds lies wholly below, or above, zero; not corrected
             for their number.
-        p_value: Wilcoxon signed-rank over corruptions, two-sided. Corruptions of a family are alike, so this overstates
-            the evidence: the interval of ``mean`` over seeds is the one to quote.
+        p_holm: of each corruption's paired t test over seeds, corrected for their number (Holm).
+        holm_wins, holm_losses: those of the certain ones for which that stays below 1 - confidence.
+        p_value: Wilcoxon's signed-rank test over corruptions, two-sided. Corruptions of a family are alike, so this
+            overstates the evidence: the interval of ``mean`` over seeds is the one to quote.
     """
 
     mean: PairedDifference
@@ -30,6 +33,9 @@ class CorruptionDifferences:
     losses: int
     certain_wins: int
     certain_losses: int
+    p_holm: Mapping[str, float]
+    holm_wins: int
+    holm_losses: int
     p_value: float
 
 
@@ -56,6 +62,8 @@ def corruption_differences(
     if len({difference.seeds for difference in by_corruption.values()}) > 1:
         raise ValueError("all corruptions need the same number of seeds")
     own, other = (np.mean([pair[arm] for pair in pairs.values()], axis=0) for arm in (0, 1))
+    p_holm = dict(zip(by_corruption, holm([d.t_p_value for d in by_corruption.values()]), strict=True))
+    kept = [d for name, d in by_corruption.items() if p_holm[name] < 1 - confidence]
     means = np.array([difference.mean for difference in by_corruption.values()])
     return CorruptionDifferences(
         mean=paired_difference(own, other, confidence=confidence, better="lower"),
@@ -64,5 +72,8 @@ def corruption_differences(
         losses=int((means > 0).sum()),
         certain_wins=sum(difference.high < 0 for difference in by_corruption.values()),
         certain_losses=sum(difference.low > 0 for difference in by_corruption.values()),
+        p_holm=p_holm,
+        holm_wins=sum(difference.mean < 0 for difference in kept),
+        holm_losses=sum(difference.mean > 0 for difference in kept),
         p_value=paired_difference(means, np.zeros_like(means)).p_value,
     )

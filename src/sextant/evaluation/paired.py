@@ -4,6 +4,7 @@ A *difference* here is treatment minus control at one seed. The seed is the unit
 seeds are independent, the test images of one run are not.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,7 +26,8 @@ class PairedDifference:
         spread: their standard deviation; what a single pair of runs scatters by.
         low, high: the interval for the mean over seeds, on these test images.
         image_low, image_high: the interval when the test images count as a sample too; wider, or nan without images.
-        p_value: Wilcoxon signed-rank, two-sided; nan under two pairs.
+        p_value: Wilcoxon's signed-rank test, two-sided; nan under two pairs.
+        t_p_value: the paired t test's, two-sided, which belongs to the t interval; nan under two pairs.
         wins: pairs in which the treatment is better.
     """
 
@@ -37,6 +39,7 @@ class PairedDifference:
     image_low: float
     image_high: float
     p_value: float
+    t_p_value: float
     wins: int
 
 
@@ -48,6 +51,7 @@ def paired_difference(
     confidence: float = 0.95,
     seed: int = 0,
     better: Literal["higher", "lower"] = "higher",
+    largest: float = math.inf,
 ) -> PairedDifference:
     """Compare two arms pair by pair.
 
@@ -60,6 +64,8 @@ def paired_difference(
         confidence: coverage of the intervals, in (0, 1).
         seed: of the bootstrap.
         better: whether a high or a low value is one.
+        largest: that a difference can be either way, such as 100 points of per cent; intervals are cut there, which
+            takes no true value out of them.
 
     Raises:
         ValueError: the shapes differ or there is no pair.
@@ -75,11 +81,12 @@ def paired_difference(
         seeds=len(per_seed),
         mean=float(per_seed.mean()),
         spread=float(per_seed.std(ddof=1)) if len(per_seed) > 1 else float("nan"),
-        low=low,
-        high=high,
-        image_low=image_low,
-        image_high=image_high,
+        low=max(low, -largest),  # of nan and a number, max and min return the first: nan
+        high=min(high, largest),
+        image_low=max(image_low, -largest),
+        image_high=min(image_high, largest),
         p_value=_wilcoxon(per_seed),
+        t_p_value=_t_p_value(per_seed),
         wins=int(((per_seed > 0) if better == "higher" else (per_seed < 0)).sum()),
     )
 
@@ -134,13 +141,26 @@ def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> 
     return _t_interval(np.asarray(values, float), confidence)
 
 
+def _all_equal(values: Float[ndarray, "seeds"]) -> bool:
+    """But for rounding."""
+    return bool(np.ptp(values) <= 1e-12 * np.abs(values).max())
+
+
 def _t_interval(values: Float[ndarray, "seeds"], confidence: float) -> tuple[float, float]:
     if len(values) < 2:
         return (float("nan"), float("nan"))
-    if np.ptp(values) <= 1e-12 * np.abs(values).max():  # equal but for rounding
+    if _all_equal(values):
         return (float(values.mean()), float(values.mean()))
     interval = stats.ttest_1samp(values, 0.0).confidence_interval(confidence)
     return (float(interval.low), float(interval.high))
+
+
+def _t_p_value(values: Float[ndarray, "seeds"]) -> float:
+    if len(values) < 2:
+        return float("nan")
+    if _all_equal(values):
+        return 0.0 if np.any(values) else 1.0
+    return float(stats.ttest_1samp(values, 0.0).pvalue)
 
 
 def _wilcoxon(values: Float[ndarray, "seeds"]) -> float:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -24,10 +25,14 @@ def plain(axes: Axes) -> Axes:
 
 
 def save_figure(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png",)) -> list[Path]:
-    """Write ``folder/name.<format>`` and return the paths."""
+    """Write ``folder/name.<format>`` and return the paths; the same figure gives the same bytes.
+
+    Matplotlib names the parts of an SVG at random and dates it, unless it is told otherwise.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{suffix}" for suffix in formats]
     for path in paths:
         metadata = {"Date": None} if path.suffix == ".svg" else None
-        figure.savefig(path, dpi=150, bbox_inches="tight", metadata=metadata)
+        with matplotlib.rc_context({"svg.hashsalt": name}):
+            figure.savefig(path, dpi=150, bbox_inches="tight", metadata=metadata)
     return paths

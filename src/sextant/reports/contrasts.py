@@ -132,7 +132,9 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
         arms = [[np.float64(side.value(condition)) for side in arm] for arm in sides]
     treatment, control = (np.stack(arm) for arm in arms)
     chosen: Method = "bootstrap" if method == "bootstrap" else "t"
-    return paired_difference(treatment, control, method=chosen, better=sides[0][0].measure.better)
+    measure = sides[0][0].measure
+    largest = 100.0 if measure.is_share else math.inf
+    return paired_difference(treatment, control, method=chosen, better=measure.better, largest=largest)
 
 
 def _mean_of_all(pairs: list[Pair], condition: str) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sextant.evaluation import BENCHMARK_15, CorruptionBaseline, CorruptionErrors, mean_interval
+from sextant.evaluation import BENCHMARK_15, CorruptionBaseline, CorruptionErrors, mean_interval, share_interval
 from sextant.reports.results import SweepResults
 from sextant.reports.shared_set import SharedSet
 from sextant.tasks.classification_report import BASELINES, SEVERITIES
@@ -27,6 +27,13 @@ class OverSeeds:
         mean = float(numbers.mean()) if len(numbers) else float("nan")
         spread = float(numbers.std(ddof=1)) if len(numbers) > 1 else float("nan")
         return cls(mean, spread, *mean_interval(numbers))
+
+    @classmethod
+    def of_shares(cls, values: Sequence[float]) -> "OverSeeds":
+        """Of one share a run, with an interval that stays within [0, 1]."""
+        found = cls.of(values)
+        low, high = share_interval(np.asarray(values, float))
+        return cls(found.mean, found.spread, low, high)
 
 
 @dataclass(frozen=True)

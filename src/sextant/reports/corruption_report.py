@@ -15,6 +15,7 @@ from sextant.reports.corruption_tables import (
     error_rows,
     overview_table,
     score_table,
+    seed_error_rows,
 )
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
@@ -36,6 +37,7 @@ def corruption_section(results: SweepResults) -> Section:
     arms, contrasts = arm_errors(results), corruption_contrasts(results)
     files = {
         "corruptions.csv": error_rows(arms, results.shared).csv(),
+        "corruption_seeds.csv": seed_error_rows(results).csv(),
         "corruption_contrasts.csv": difference_rows(contrasts).csv(),
         "corruption_contrasts.tex": overview_table(contrasts).latex(),
     }
@@ -71,7 +73,9 @@ def _scores(arms: Sequence[ArmErrors], shared: SharedSet) -> list[str]:
     return [
         f"### Beside {baseline.name}\n",
         f"Errors relative to those of the baseline, times 100 ({baseline.source}); below 100 is better than it. Mean ± "
-        "standard deviation over converged seeds, and the 95 % interval of the mean.\n",
+        "standard deviation over converged seeds, and the 95 % t interval of the mean. Relative mCE counts what a "
+        "network loses against its own clean error: **one that errs more on clean images has less to lose, and a lower "
+        "relative mCE for it**. Read it beside mCE and the clean error.\n",
         score_table(arms, baseline, scored_sets(shared)).markdown(),
     ]
 
@@ -79,9 +83,11 @@ def _scores(arms: Sequence[ArmErrors], shared: SharedSet) -> list[str]:
 def _legend(contrasts: Sequence[CorruptionContrast]) -> str:
     text = (
         "Errors in per cent, differences in points: below zero the treatment errs less. Intervals are t intervals at "
-        "95 % over pairs of converged runs. *For certain* are corruptions whose interval excludes zero; they are not "
-        "corrected for their number, and of 20 intervals without any effect one does so by chance. Corruptions are "
-        "alike, so that how many go one way is no test: compare with the noise floor, which is what seeds alone do.\n"
+        "95 % over pairs of converged runs, p is of the paired t test that belongs to them, two-sided. *For certain* "
+        "are corruptions whose interval excludes zero, not corrected for their number: of 20 intervals without any "
+        "effect one does so by chance. *Under Holm* are those of p below 0.05 after Holm's correction for the number "
+        "of corruptions. Corruptions are alike, so that how many go one way is no test: compare with the noise floor, "
+        "which is what seeds alone do.\n"
     )
     if any(contrast.exploratory for contrast in contrasts):
         text = text.rstrip() + f" † fewer than {SEEDS_FOR_A_CLAIM} pairs: exploratory.\n"

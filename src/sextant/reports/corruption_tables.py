@@ -6,20 +6,23 @@ from sextant.evaluation import CORRUPTION_FAMILIES, CorruptionBaseline, PairedDi
 from sextant.figures.corruption_families import by_family
 from sextant.reports.corruption_contrasts import CorruptionContrast, of_corruption
 from sextant.reports.corruption_errors import ArmErrors, OverSeeds
+from sextant.reports.results import SweepResults
 from sextant.reports.shared_set import SharedSet
-from sextant.reports.tables import TextTable, interval, number
-
-NOTHING = "–"
+from sextant.reports.tables import NOTHING, TextTable, interval, number
 
 
 def score_table(
     arms: Sequence[ArmErrors], baseline: CorruptionBaseline, sets: Mapping[str, Sequence[str]]
 ) -> TextTable:
-    """mCE and mean relative CE of each arm beside ``baseline``: mean ± standard deviation and interval over seeds."""
-    columns = ["setting", "arm", "seeds", *(f"{kind} {name}" for name in sets for kind in ("mCE", "relative mCE"))]
+    """mCE and mean relative CE of each arm beside ``baseline``: mean ± standard deviation and interval over seeds.
+
+    The clean error stands beside them, since one that is worse lowers the relative CE.
+    """
+    columns = ["setting", "arm", "seeds", "clean error, %"]
+    columns += [f"{kind} {name}" for name in sets for kind in ("mCE", "relative mCE")]
     rows = []
     for arm in arms:
-        cells = []
+        cells = [_over_seeds(OverSeeds.of_shares([run.clean for run in arm.runs]))]
         for corruptions in sets.values():
             scores = [corruption_score(run, baseline, corruptions) for run in arm.runs]
             cells.append(_over_seeds(OverSeeds.of([score.mean_ce for score in scores])))
@@ -32,6 +35,7 @@ def overview_table(contrasts: Sequence[CorruptionContrast]) -> TextTable:
     """One row a contrast and setting: the mean difference and on how many corruptions it goes either way."""
     columns = ["setting", "contrast", "pairs", "dropped", "E control", "E treatment", "difference", "95 % over seeds"]
     columns += ["pairs won", "better on", "worse on", "better for certain", "worse for certain"]
+    columns += ["better under Holm", "worse under Holm"]
     rows = []
     for contrast in contrasts:
         name = f"{contrast.title}{' (noise floor)' if contrast.is_floor else ''}"
@@ -40,7 +44,8 @@ def overview_table(contrasts: Sequence[CorruptionContrast]) -> TextTable:
         if found is None:
             rows.append([*row, *[NOTHING] * (len(columns) - len(row))])
             continue
-        counts = (found.wins, found.losses, found.certain_wins, found.certain_losses)
+        counts = [found.wins, found.losses, found.certain_wins, found.certain_losses]
+        counts += [found.holm_wins, found.holm_losses]
         rows.append([*row, *_compared(contrast, None), *(f"{count}/{len(found.by_corruption)}" for count in counts)])
     return TextTable(columns, rows)
 
@@ -48,6 +53,7 @@ def overview_table(contrasts: Sequence[CorruptionContrast]) -> TextTable:
 def difference_table(contrast: CorruptionContrast) -> TextTable:
     """One row a corruption of one contrast in one setting, by family, the mean at the end; empty without pairs."""
     columns = ["family", "corruption", "E control", "E treatment", "difference", "95 % over seeds", "pairs won"]
+    columns += ["p (t, Holm)"]
     columns += ["noise floor"] if contrast.floor is not None else []
     if contrast.differences is None:
         return TextTable(columns, [])
@@ -58,7 +64,8 @@ def difference_table(contrast: CorruptionContrast) -> TextTable:
     for family, name in [*names, ("", None)]:
         label = f"**mean of {len(names)}**" if name is None else name.replace("_", " ")
         floor = [] if contrast.floor is None else [_with_interval(of_corruption(contrast.floor, name))]
-        rows.append([family, label, *_compared(contrast, name), *floor])
+        p_holm = NOTHING if name is None else number(contrast.differences.p_holm[name], 4)
+        rows.append([family, label, *_compared(contrast, name), p_holm, *floor])
     return TextTable(columns, rows)
 
 
@@ -80,7 +87,7 @@ def error_rows(arms: Sequence[ArmErrors], shared: SharedSet) -> TextTable:
             for i, severity in enumerate(levels):
                 conditions.append((name, str(severity), [run.severities[name][i] for run in arm.runs]))
         for name, at, values in conditions:
-            over = OverSeeds.of(values)
+            over = OverSeeds.of_shares(values)
             numbers = [str(100 * value) for value in (over.mean, over.spread, over.low, over.high)]
             rows.append([arm.setting, arm.arm, name, at, str(len(values)), *numbers])
     return TextTable(columns, rows)
@@ -89,7 +96,7 @@ def error_rows(arms: Sequence[ArmErrors], shared: SharedSet) -> TextTable:
 def difference_rows(contrasts: Sequence[CorruptionContrast]) -> TextTable:
     """Every contrast in every setting by corruption, for a file; the mean over corruptions is called ``mean``."""
     columns = ["contrast", "setting", "corruption", "pairs", "dropped", "control", "treatment"]
-    columns += ["difference", "low", "high", "pairs_won", "floor", "floor_low", "floor_high"]
+    columns += ["difference", "low", "high", "pairs_won", "floor", "floor_low", "floor_high", "t_p_value", "p_holm"]
     rows = []
     for contrast in contrasts:
         for name in [*contrast.treatment, None] if contrast.differences is not None else []:
@@ -101,9 +108,32 @@ def difference_rows(contrasts: Sequence[CorruptionContrast]) -> TextTable:
                     *(str(100 * value) for value in numbers),
                     str(contrast.won_pairs(name)),
                     *("" if floor is None else str(100 * value) for value in _ends(floor)),
+                    *_p_values(contrast, name),
                 ]
             )
     return TextTable(columns, rows)
+
+
+def _p_values(contrast: CorruptionContrast, name: str | None) -> tuple[str, str]:
+    """Of the paired t test, as it is and corrected for the number of corruptions, of which their mean is none."""
+    found = of_corruption(contrast.differences, name)
+    if found is None or contrast.differences is None:
+        return ("", "")
+    return (str(found.t_p_value), "" if name is None else str(contrast.differences.p_holm[name]))
+
+
+def seed_error_rows(results: SweepResults) -> TextTable:
+    """The error of every run by corruption, the mean over its severities, for a file; diverged runs too."""
+    rows = [
+        [
+            *(cell.cell.setting, cell.cell.arm, str(cell.cell.pair), str(cell.cell.seed), cell.outcome),
+            *(name, str(100 * error)),
+        ]
+        for cell in results.cells
+        if cell.errors is not None
+        for name, error in {"clean": cell.errors.clean, **cell.errors.by_corruption()}.items()
+    ]
+    return TextTable(["setting", "arm", "pair", "seed", "outcome", "corruption", "error"], rows)
 
 
 def _ends(found: PairedDifference | None) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from sextant.errors import UserError
-from sextant.evaluation import BENCHMARK_15, CorruptionErrors
+from sextant.evaluation import BENCHMARK_15, CorruptionErrors, mean_interval, share_interval
 from sextant.evaluation.calibration_summary import median_error
 from sextant.reports.shared_set import SharedSet
 
@@ -44,6 +44,23 @@ class Measure:
     digits: int = 2
     items: str = "images"
     metrics: tuple[str, ...] = ()
+
+    @property
+    def is_share(self) -> bool:
+        """Whether the number of a run is a share, in per cent."""
+        return self.unit == "%"
+
+    def interval(self, values: Float[ndarray, "seeds"], trials: int) -> tuple[float, float]:
+        """The 95 % interval of the mean over seeds: of shares one that stays within 0 and 100, else Student's t.
+
+        Args:
+            values: of the runs.
+            trials: that all of them together were put to.
+        """
+        if not self.is_share:
+            return mean_interval(values)
+        low, high = share_interval(values / 100, trials)
+        return (100 * low, 100 * high)
 
     def of_published(self, accuracy: float) -> float:
         """A published figure in this measure's unit; sweeps give those of classifiers as accuracies in per cent."""

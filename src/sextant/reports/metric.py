@@ -25,6 +25,11 @@ class Metric:
     meaning: str = ""
     scale: float = 1.0
 
+    @property
+    def is_share(self) -> bool:
+        """Whether its values are shares, told in per cent."""
+        return self.scale == 100
+
     def values(self, metrics: Mapping[str, float], conditions: Sequence[str]) -> dict[str, float]:
         """What a run told of it, by condition; under ``""`` what it told of all of them together.
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sextant.evaluation import mean_interval
+from sextant.evaluation import mean_interval, share_interval
 from sextant.reports.metric import Metric, metric_of
 from sextant.reports.results import CellResult, SweepResults
 from sextant.reports.section import Section
-from sextant.reports.tables import TextTable, decimals, interval, number
+from sextant.reports.tables import Entry, TextTable, arms_table, decimals, interval, number
 
 #: under this name the mean over conditions is told
 TOGETHER = "all conditions"
@@ -25,7 +25,8 @@ class MetricSummary:
         told, asked: values that the means are of, and how many there would be if every run told all: a run that never
             converges has no position error.
         mean, spread: over runs.
-        low, high: 95 % interval of the mean, by Student's t.
+        low, high: 95 % interval of the mean: of shares one that stays within 0 and 100, nan where all runs agree; of
+            other metrics Student's t.
     """
 
     setting: str
@@ -74,7 +75,7 @@ def metric_summaries(results: SweepResults, metrics: Sequence[Metric]) -> list[M
 def metric_table(
     rows: Sequence[MetricSummary], metrics: Sequence[Metric], conditions: Sequence[str] | None = None
 ) -> TextTable:
-    """One row a setting and arm, and a condition if any are given; mean and interval of each metric.
+    """Of each setting and arm, and condition if any are given, mean and interval of each metric.
 
     Where values are missing, how many there are of how many is told. Metrics without a value are left out.
     """
@@ -82,13 +83,12 @@ def metric_table(
     wanted = list(conditions or [TOGETHER])
     there = {(row.condition, row.metric.name) for row in rows}
     columns = [metric for metric in metrics if any((condition, metric.name) in there for condition in wanted)]
-    by_condition = ["condition"] if conditions else []
-    body = []
+    entries = []
     for condition in wanted:
         for setting, arm in dict.fromkeys((row.setting, row.arm) for row in rows):
-            cells = [_cell(found.get((setting, arm, condition, metric.name))) for metric in columns]
-            body.append([*([condition] if conditions else []), setting, arm, *cells])
-    return TextTable([*by_condition, "setting", "arm", *(metric.title for metric in columns)], body)
+            cells = {metric.title: _cell(found.get((setting, arm, condition, metric.name))) for metric in columns}
+            entries.append(Entry([*([condition] if conditions else []), setting], arm, cells))
+    return arms_table([*(["condition"] if conditions else []), "setting"], "metric", entries)
 
 
 def metric_rows(rows: Sequence[MetricSummary]) -> TextTable:
@@ -132,7 +132,10 @@ def _summary(
 ) -> MetricSummary:
     found = np.array(values)
     spread = float(found.std(ddof=1)) if len(found) > 1 else float("nan")
-    low, high = mean_interval(found)
+    if metric.is_share:
+        low, high = (metric.scale * end for end in share_interval(found / metric.scale))
+    else:
+        low, high = mean_interval(found)
     return MetricSummary(
         setting, arm, condition, metric, len(found), told, asked, float(found.mean()), spread, low, high
     )
@@ -155,6 +158,7 @@ def _legend(rows: Sequence[MetricSummary]) -> str:
         row.told < row.asked for row in rows
     ) else ""  # fmt: skip
     return (
-        "Means over converged runs with their 95 % intervals over seeds; of a run, what it tells of all its "
-        f"conditions, or the mean over them.{some} Times are those of this machine beside whatever else it did.\n"
+        "Means over converged runs with their 95 % intervals over seeds: of shares Korn and Graubard's, which stays "
+        "within 0 and 100 (none where all runs agree), of other metrics Student's t; of a run, what it tells of all "
+        f"its conditions, or the mean over them.{some} Times are those of this machine beside whatever else it did.\n"
     )

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sextant.evaluation import mean_interval
 from sextant.reports.results import SweepResults
 
 
@@ -42,7 +41,7 @@ def summarise(results: SweepResults) -> list[Summary]:
             for condition in results.conditions:
                 values = np.array([cell.value(condition) for cell in converged])
                 everything = [c.value(condition) for c in cells if c.values]
-                low, high = mean_interval(values)
+                low, high = results.measure.interval(values, sum(len(cell.values[condition]) for cell in converged))
                 rows.append(
                     Summary(
                         setting=setting,

@@ -11,12 +11,14 @@ from sextant.evaluation import SEEDS_FOR_A_CLAIM
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
 from sextant.figures.severity_curves import severity_curves
 from sextant.figures.style import save_figure
+from sextant.reports.cell_tables import cells_legend, cells_table, runs_table, seed_rows
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.cost_report import cost_section
 from sextant.reports.factor_report import factor_section
 from sextant.reports.metrics_report import metrics_section
 from sextant.reports.particles_report import particles_section
+from sextant.reports.pooled_report import pooled_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
@@ -28,9 +30,10 @@ def write_report(results: SweepResults) -> list[Path]:
     """Write ``report/`` into the sweep's directory.
 
     Returns:
-        The files: ``report.md``, ``cells.csv``, ``contrasts.csv``, ``cells.tex``, ``contrasts.tex``, ``cost.csv``,
-        those of a published set of corruptions if the runs were tested under one, those of particle counts if several
-        were tried, ``metrics.csv`` if the runs tell of metrics beside their measure, figures.
+        The files: ``report.md``, ``cells.csv``, ``seeds.csv`` (every run), ``contrasts.csv``, ``cells.tex``,
+        ``contrasts.tex``, ``cost.csv``, ``pooled.csv`` if there is a noise floor, those of a published set of
+        corruptions if the runs were tested under one, those of particle counts if several were tried, ``metrics.csv``
+        if the runs tell of metrics beside their measure, figures.
     """
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
@@ -38,12 +41,14 @@ def write_report(results: SweepResults) -> list[Path]:
     cells, compared = cells_table(summaries, results), {n: contrast_table(rows, n, results) for n in _names(rows)}
     sections = [
         factor_section(results, summaries),
+        pooled_section(results),
         *(corruption_section(results), particles_section(results)),
         *(metrics_section(results), cost_section(results)),
     ]
     texts = {
         "report.md": _markdown(results, summaries, cells, compared, rows, sections),
         "cells.csv": _csv([asdict(summary) for summary in summaries]),
+        "seeds.csv": seed_rows(results).csv(),
         "contrasts.csv": _csv([_flat_row(row) for row in rows]),
         "cells.tex": cells.latex(),
         "contrasts.tex": "\n".join(table.latex() for table in compared.values()),
@@ -58,21 +63,6 @@ def write_report(results: SweepResults) -> list[Path]:
     for name, figure in made:
         paths += save_figure(figure, folder, name, formats=("png", "svg"))
     return paths
-
-
-def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
-    """One row a cell, one column a condition: mean ± standard deviation over seeds and the interval of the mean."""
-    columns = ["setting", "arm", "seeds", "diverged", "failed", "missing", *results.conditions]
-    rows = []
-    for setting in results.settings:
-        for arm in results.arms:
-            of_cell = [s for s in summaries if s.setting == setting and s.arm == arm]
-            first = of_cell[0]
-            n = results.measure.digits
-            values = [f"{number(s.mean, n)} ± {number(s.spread, n)} {interval(s.low, s.high, n)}" for s in of_cell]
-            counts = (first.seeds, first.diverged, first.failed, first.missing)
-            rows.append([setting, arm, *map(str, counts), *values])
-    return TextTable(columns, rows)
 
 
 def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) -> TextTable:
@@ -90,7 +80,7 @@ def contrast_table(rows: list[ContrastRow], name: str, results: SweepResults) ->
         "pairs",
         "dropped",
         "wins",
-        "p (Holm)",
+        "p (Wilcoxon, Holm)",
         "with diverged",
     ]
     body = []
@@ -161,8 +151,9 @@ def _markdown(
         "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "
         "number of others beside them; the last column of each contrast counts diverged runs too.\n",
         f"## {results.measure.title}\n",
-        "Mean ± standard deviation over seeds, and the 95 % interval of the mean.\n",
+        cells_legend(results),
         cells.markdown(),
+        runs_table(summaries).markdown(),
         beside_published(summaries, results),
     ]
     for name, table in compared.items():
@@ -179,13 +170,21 @@ def _legend(rows: list[ContrastRow], results: SweepResults) -> str:
     measure = results.measure
     return (
         f"{measure.difference.capitalize()}, paired by seed, on the same test {measure.items}; {measure.better} is "
-        "better. The noise floor is the mean difference that "
-        "seeds alone make, with its interval, and the spread of one such pair. Holm's family is the conditions of one "
-        "setting. *Dropped* pairs have a run that diverged, failed or is missing."
+        "better. The noise floor is the mean difference that seeds alone make, with its interval, and the spread of "
+        f"one such pair. Intervals over seeds are {_method(results)}; p is of Wilcoxon's signed-rank test over pairs, "
+        "two-sided, corrected by Holm over the conditions of one setting. *Dropped* pairs have a run that diverged, "
+        "failed or is missing."
         + _least_p(rows, len(results.conditions))
         + (f" † fewer than {SEEDS_FOR_A_CLAIM} pairs: exploratory." if any(row.exploratory for row in rows) else "")
         + "\n"
     )
+
+
+def _method(results: SweepResults) -> str:
+    """The interval of a contrast, in words."""
+    if results.plan.definition.get("interval") == "bootstrap":
+        return "of a studentized bootstrap"
+    return "t intervals" + (", cut at a difference of 100" if results.measure.is_share else "")
 
 
 def _least_p(rows: list[ContrastRow], conditions: int) -> str:
@@ -231,7 +230,7 @@ def _flat_row(row: ContrastRow) -> dict[str, object]:
     flat: dict[str, object] = {"contrast": row.contrast, "setting": row.setting, "condition": row.condition}
     for prefix, difference in (("", row.paired), ("floor_", row.floor)):
         fields = asdict(difference) if difference is not None else {}
-        names = ("seeds", "mean", "spread", "low", "high", "image_low", "image_high", "p_value", "wins")
+        names = ("seeds", "mean", "spread", "low", "high", "image_low", "image_high", "p_value", "t_p_value", "wins")
         flat |= {prefix + name: fields.get(name, "") for name in names}
     return flat | {
         "dropped": row.dropped,

@@ -4,8 +4,12 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+#: columns of values beside each other that can be read well, and at all
+USUAL, WIDEST = 8, 12
+NOTHING = "–"
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,51 @@ class TextTable:
         head = " & ".join(map(_latex, self.columns)) + r" \\"
         start = rf"\begin{{tabular}}{{{'l' * len(self.columns)}}}"
         return "\n".join([start, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one arm has of several quantities, as text.
+
+    Attributes:
+        heads: that tell it from other entries of the arm, such as the setting.
+        arm: its name.
+        values: by quantity.
+    """
+
+    heads: Sequence[str]
+    arm: str
+    values: Mapping[str, str]
+
+
+def arms_table(heads: Sequence[str], quantity: str, entries: Sequence[Entry]) -> TextTable:
+    """One row an entry and one column a quantity; of many quantities one row each, and one column an arm.
+
+    The columns are the arms where there are fewer of them and more than ``USUAL`` quantities. Where even the fewer are
+    more than ``WIDEST``, every value has a row of its own.
+
+    Args:
+        heads: names of the columns that tell entries of an arm apart.
+        quantity: what the quantities are, for the column that names them.
+        entries: in the order of the table.
+    """
+    quantities = list(dict.fromkeys(name for entry in entries for name in entry.values))
+    arms = list(dict.fromkeys(entry.arm for entry in entries))
+    if len(quantities) <= min(WIDEST, max(USUAL, len(arms))):
+        rows = [[*e.heads, e.arm, *(e.values.get(name, NOTHING) for name in quantities)] for e in entries]
+        return TextTable([*heads, "arm", *quantities], rows)
+    found = {(tuple(entry.heads), entry.arm): entry.values for entry in entries}
+    each = [(key, name) for key in dict.fromkeys(key for key, _ in found) for name in quantities]
+    if len(arms) <= WIDEST:
+        rows = [[*key, name, *(found.get((key, arm), {}).get(name, NOTHING) for arm in arms)] for key, name in each]
+        return TextTable([*heads, quantity, *arms], rows)
+    rows = [
+        [*key, name, arm, found[key, arm][name]]
+        for key, name in each
+        for arm in arms
+        if name in found.get((key, arm), {})
+    ]
+    return TextTable([*heads, quantity, "arm", "value"], rows)
 
 
 def number(value: float, digits: int = 2, sign: bool = False) -> str:

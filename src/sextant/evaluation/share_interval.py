@@ -1,0 +1,74 @@
+"""An interval for the mean of shares over seeds that stays within [0, 1]."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy import stats
+
+#: of means, which may leave [0, 1] or differ by so much
+ROUNDING = 1e-12
+
+
+def share_interval(
+    values: Float[ndarray, "seeds"], trials: int | None = None, confidence: float = 0.95
+) -> tuple[float, float]:
+    """Korn and Graubard's interval of a mean share over seeds, such as an accuracy; nan with fewer than two seeds.
+
+    A t interval of shares near 0 or 1 leaves their range and holds the mean too seldom: of ten seeds that succeed in
+    99 % of 8 runs each, 55 times in 100 (``tests/evaluation/test_share_interval.py``). Here the spread over seeds says
+    how many independent trials would know the mean p as well,
+
+        n = p (1 - p) / (s² / S),    n' = n (z / t_{S-1})²,
+
+    and the interval is Clopper and Pearson's of p n' successes in n' trials. For shares that scatter little beside
+    their distance from 0 and 1 it is the t interval. A share of which few seeds differ from all others by much is held
+    too seldom by this interval too, as by any that knows only what it saw.
+
+    Args:
+        values: one share a seed, in [0, 1].
+        trials: of all seeds together. Where all seeds agree they tell no spread, and as many independent trials are
+            supposed; without it the interval is nan then.
+        confidence: coverage, in (0, 1).
+
+    Returns:
+        The ends, in [0, 1].
+
+    Raises:
+        ValueError: a value is outside of [0, 1].
+
+    Source: Korn & Graubard, Confidence intervals for proportions with small expected number of positive counts
+    estimated from survey data, Survey Methodology 24(2), 1998; seeds are its clusters.
+
+    >>> low, high = share_interval(np.array([1.0, 1.0, 0.875, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
+    >>> f"{low:.3f} to {high:.3f}"
+    '0.917 to 1.000'
+    """
+    shares = np.asarray(values, float)
+    if ((shares < -ROUNDING) | (shares > 1 + ROUNDING)).any():
+        raise ValueError(f"shares must be in [0, 1], got {shares.min()} to {shares.max()}")
+    if len(shares) < 2:
+        return (math.nan, math.nan)
+    return share_interval_of(float(shares.mean()), float(shares.std(ddof=1)), len(shares), trials, confidence)
+
+
+def share_interval_of(
+    mean: float, spread: float, seeds: int, trials: int | None = None, confidence: float = 0.95
+) -> tuple[float, float]:
+    """:func:`share_interval` of shares of which only the mean and the standard deviation over seeds are known."""
+    from statsmodels.stats.proportion import proportion_confint
+
+    if seeds < 2 or not (math.isfinite(mean) and math.isfinite(spread)):
+        return (math.nan, math.nan)
+    variance = spread**2 / seeds
+    if spread > ROUNDING:
+        effective = mean * (1 - mean) / variance
+    elif trials is not None:
+        effective = float(trials)
+    else:
+        return (math.nan, math.nan)
+    tail = (1 + confidence) / 2
+    effective *= (stats.norm.ppf(tail) / stats.t.ppf(tail, seeds - 1)) ** 2
+    low, high = proportion_confint(mean * effective, effective, alpha=1 - confidence, method="beta")
+    return (0.0 if mean <= 0 else float(low), 1.0 if mean >= 1 else float(high))  # of none or all, one end is nan

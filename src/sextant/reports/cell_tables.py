@@ -1,0 +1,61 @@
+"""Tables of the cells of a sweep: their distribution over seeds, what became of their runs, and every run."""
+
+from sextant.reports.results import SweepResults
+from sextant.reports.summary import Summary
+from sextant.reports.tables import Entry, TextTable, arms_table, interval, number
+
+
+def cells_table(summaries: list[Summary], results: SweepResults) -> TextTable:
+    """Of each cell under each condition mean ± standard deviation over seeds and the interval of the mean."""
+    n = results.measure.digits
+    entries = [
+        Entry(
+            [setting],
+            arm,
+            {s.condition: f"{number(s.mean, n)} ± {number(s.spread, n)} {interval(s.low, s.high, n)}" for s in of_cell},
+        )
+        for (setting, arm), of_cell in _by_cell(summaries).items()
+    ]
+    return arms_table(["setting"], "condition", entries)
+
+
+def cells_legend(results: SweepResults) -> str:
+    """What the numbers of :func:`cells_table` are."""
+    text = "Mean ± standard deviation over seeds, and the 95 % interval of the mean"
+    if results.measure.is_share:
+        return (
+            f"{text}: Korn and Graubard's, for shares, which stays within 0 and 100. Where all seeds agree, it is that "
+            f"of as many independent trials as there were test {results.measure.items}.\n"
+        )
+    return f"{text}: Student's t.\n"
+
+
+def runs_table(summaries: list[Summary]) -> TextTable:
+    """How many runs of each cell converged, and what became of the others."""
+    columns = ["setting", "arm", "seeds", "diverged", "failed", "missing"]
+    rows = []
+    for (setting, arm), (first, *_) in _by_cell(summaries).items():
+        counts = (first.seeds, first.diverged, first.failed, first.missing)
+        rows.append([setting, arm, *map(str, counts)])
+    return TextTable(columns, rows)
+
+
+def seed_rows(results: SweepResults) -> TextTable:
+    """The value of every run under every condition, for a file; diverged runs too."""
+    rows = [
+        [
+            *(cell.cell.setting, cell.cell.arm, str(cell.cell.pair), str(cell.cell.seed), cell.outcome),
+            *(condition, str(cell.value(condition))),
+        ]
+        for cell in results.cells
+        if cell.values
+        for condition in results.conditions
+    ]
+    return TextTable(["setting", "arm", "pair", "seed", "outcome", "condition", "value"], rows)
+
+
+def _by_cell(summaries: list[Summary]) -> dict[tuple[str, str], list[Summary]]:
+    found: dict[tuple[str, str], list[Summary]] = {}
+    for summary in summaries:
+        found.setdefault((summary.setting, summary.arm), []).append(summary)
+    return found
