@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, Tag
+from pydantic import Field
 
-from sextant.config.schema.parts import CustomPart, Part, Positive, choose_part
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart, Part, Positive
 
 
 class NoAugmentation(Part):
@@ -34,10 +34,4 @@ class AugMix(Part):
     flip: bool
 
 
-Augmentation = Annotated[
-    Annotated[NoAugmentation, Tag("sextant.data.augmentation.NoAugmentation")]
-    | Annotated[PadCropFlip, Tag("sextant.data.augmentation.PadCropFlip")]
-    | Annotated[AugMix, Tag("sextant.data.augmentation.AugMix")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(NoAugmentation, PadCropFlip, AugMix),
-]
+Augmentation = Annotated[NoAugmentation | PadCropFlip | AugMix | CustomPart, CHOSEN_BY_TARGET]

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, Tag
+from pydantic import AfterValidator, Field
 
-from sextant.config.schema.parts import CustomPart, NonNegative, Part, Positive, Seed, choose_part, distinct
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart, NonNegative, Part, Positive, Seed, distinct
 
 
 class GaussianNoise(Part):
@@ -26,12 +26,7 @@ class ContrastPoisson(Part):
     clip: bool
 
 
-CorruptionPart = Annotated[
-    Annotated[GaussianNoise, Tag("sextant.corruptions.GaussianNoise")]
-    | Annotated[ContrastPoisson, Tag("sextant.corruptions.ContrastPoisson")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(GaussianNoise, ContrastPoisson),
-]
+CorruptionPart = Annotated[GaussianNoise | ContrastPoisson | CustomPart, CHOSEN_BY_TARGET]
 
 
 class CorruptionSuite(Part):
@@ -64,10 +59,4 @@ class StoredSuite(Part):
     severities: Annotated[list[int], AfterValidator(distinct)] | None = Field(examples=["[1,3,5]"])
 
 
-TestConditions = Annotated[
-    Annotated[CorruptionSuite, Tag("sextant.corruptions.CorruptionSuite")]
-    | Annotated[BenchmarkSuite, Tag("sextant.corruptions.BenchmarkSuite")]
-    | Annotated[StoredSuite, Tag("sextant.corruptions.StoredSuite")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(CorruptionSuite, BenchmarkSuite, StoredSuite),
-]
+TestConditions = Annotated[CorruptionSuite | BenchmarkSuite | StoredSuite | CustomPart, CHOSEN_BY_TARGET]

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, Tag
+from pydantic import Field
 
-from sextant.config.schema.parts import Count, CustomPart, Node, NonNegative, Part, Positive, choose_part
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, Node, NonNegative, Part, Positive
 
 UnitShare = Annotated[float, Field(ge=0, le=1)]
 Border = Literal["zeros", "replicate", "reflect", "circular"]
@@ -54,14 +54,7 @@ class VectorBank(Part):
     least: UnitShare = Field(examples=[0.05])
 
 
-Bank = Annotated[
-    Annotated[GaborBank, Tag("sextant.layers.cosfire.GaborBank")]
-    | Annotated[DoGBank, Tag("sextant.layers.cosfire.DoGBank")]
-    | Annotated[FeatureBank, Tag("sextant.layers.cosfire.FeatureBank")]
-    | Annotated[VectorBank, Tag("sextant.layers.cosfire.VectorBank")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(GaborBank, DoGBank, FeatureBank, VectorBank),
-]
+Bank = Annotated[GaborBank | DoGBank | FeatureBank | VectorBank | CustomPart, CHOSEN_BY_TARGET]
 
 
 class ConcentricCircles(Part):
@@ -96,13 +89,7 @@ class VectorKeypoints(_Keypoints):
     target: Literal["sextant.layers.cosfire.VectorKeypoints"] = Field(alias="_target_")
 
 
-Strategy = Annotated[
-    Annotated[ConcentricCircles, Tag("sextant.layers.cosfire.ConcentricCircles")]
-    | Annotated[ChannelPeaks, Tag("sextant.layers.cosfire.ChannelPeaks")]
-    | Annotated[VectorKeypoints, Tag("sextant.layers.cosfire.VectorKeypoints")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(ConcentricCircles, ChannelPeaks, VectorKeypoints),
-]
+Strategy = Annotated[ConcentricCircles | ChannelPeaks | VectorKeypoints | CustomPart, CHOSEN_BY_TARGET]
 
 
 class Filters(Node):

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, Tag
+from pydantic import Field
 
-from sextant.config.schema.parts import Count, CustomPart, Node, NonNegative, Part, Positive, choose_part
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, Node, NonNegative, Part, Positive
 
 Frame = Annotated[float, Field(gt=0)]
 #: 0 and 1 included
@@ -97,31 +97,19 @@ class WrongSeasonMap(Part):
 
 
 Fault = Annotated[
-    Annotated[NoFault, Tag("sextant.data.localization.faults.NoFault")]
-    | Annotated[Kidnap, Tag("sextant.data.localization.faults.Kidnap")]
-    | Annotated[WrongStart, Tag("sextant.data.localization.faults.WrongStart")]
-    | Annotated[DroppedFrames, Tag("sextant.data.localization.faults.DroppedFrames")]
-    | Annotated[Blackout, Tag("sextant.data.localization.faults.Blackout")]
-    | Annotated[OdometryScale, Tag("sextant.data.localization.faults.OdometryScale")]
-    | Annotated[OdometrySlip, Tag("sextant.data.localization.faults.OdometrySlip")]
-    | Annotated[MissingOdometry, Tag("sextant.data.localization.faults.MissingOdometry")]
-    | Annotated[NoisyMapPoses, Tag("sextant.data.localization.faults.NoisyMapPoses")]
-    | Annotated[ThinnedMap, Tag("sextant.data.localization.faults.ThinnedMap")]
-    | Annotated[WrongSeasonMap, Tag("sextant.data.localization.faults.WrongSeasonMap")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(
-        NoFault,
-        Kidnap,
-        WrongStart,
-        DroppedFrames,
-        Blackout,
-        OdometryScale,
-        OdometrySlip,
-        MissingOdometry,
-        NoisyMapPoses,
-        ThinnedMap,
-        WrongSeasonMap,
-    ),
+    NoFault
+    | Kidnap
+    | WrongStart
+    | DroppedFrames
+    | Blackout
+    | OdometryScale
+    | OdometrySlip
+    | MissingOdometry
+    | NoisyMapPoses
+    | ThinnedMap
+    | WrongSeasonMap
+    | CustomPart,
+    CHOSEN_BY_TARGET,
 ]
 
 

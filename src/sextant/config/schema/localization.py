@@ -2,9 +2,10 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import (
+    CHOSEN_BY_TARGET,
     Count,
     CustomPart,
     Node,
@@ -13,7 +14,6 @@ from sextant.config.schema.parts import (
     Positive,
     Seed,
     Share,
-    choose_part,
 )
 from sextant.config.schema.splits import ImageSide
 
@@ -69,21 +69,14 @@ class DescriptorFiles(Part):
 
 
 Descriptor = Annotated[
-    Annotated[PixelsDescriptor, Tag("sextant.baselines.Pixels")]
-    | Annotated[PatchNormalisedDescriptor, Tag("sextant.baselines.PatchNormalised")]
-    | Annotated[HogDescriptor, Tag("sextant.baselines.Hog")]
-    | Annotated[WhitenedPCADescriptor, Tag("sextant.baselines.WhitenedPCA")]
-    | Annotated[TrainedDescriptor, Tag("sextant.cli.descriptors.TrainedDescriptor")]
-    | Annotated[DescriptorFiles, Tag("sextant.cli.descriptors.DescriptorFiles")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(
-        PixelsDescriptor,
-        PatchNormalisedDescriptor,
-        HogDescriptor,
-        WhitenedPCADescriptor,
-        TrainedDescriptor,
-        DescriptorFiles,
-    ),
+    PixelsDescriptor
+    | PatchNormalisedDescriptor
+    | HogDescriptor
+    | WhitenedPCADescriptor
+    | TrainedDescriptor
+    | DescriptorFiles
+    | CustomPart,
+    CHOSEN_BY_TARGET,
 ]
 
 # -- observation -------------------------------------------------------------------------------------------------------
@@ -195,18 +188,18 @@ OBSERVATIONS = (
 LASERS = (LikelihoodField, BeamModel)
 
 Observation = Annotated[
-    Annotated[ExactGP, Tag("sextant.localization.observation.ExactGP")]
-    | Annotated[LocalGP, Tag("sextant.localization.observation.LocalGP")]
-    | Annotated[CachedLocalGP, Tag("sextant.localization.observation.CachedLocalGP")]
-    | Annotated[SGPR, Tag("sextant.localization.observation.SGPR")]
-    | Annotated[SVGP, Tag("sextant.localization.observation.SVGP")]
-    | Annotated[SKI, Tag("sextant.localization.observation.SKI")]
-    | Annotated[RandomFeatures, Tag("sextant.localization.observation.RandomFeatures")]
-    | Annotated[KernelSum, Tag("sextant.localization.observation.KernelSum")]
-    | Annotated[LikelihoodField, Tag("sextant.localization.laser.LikelihoodField")]
-    | Annotated[BeamModel, Tag("sextant.localization.laser.BeamModel")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(*OBSERVATIONS),
+    ExactGP
+    | LocalGP
+    | CachedLocalGP
+    | SGPR
+    | SVGP
+    | SKI
+    | RandomFeatures
+    | KernelSum
+    | LikelihoodField
+    | BeamModel
+    | CustomPart,
+    CHOSEN_BY_TARGET,
 ]
 
 
@@ -257,13 +250,7 @@ class IdentityMotion(Part):
     target: Literal["sextant.localization.motion.IdentityMotion"] = Field(alias="_target_")
 
 
-Motion = Annotated[
-    Annotated[ExponentialMotion, Tag("sextant.localization.motion.ExponentialMotion")]
-    | Annotated[OdometryMotion, Tag("sextant.localization.motion.OdometryMotion")]
-    | Annotated[IdentityMotion, Tag("sextant.localization.motion.IdentityMotion")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(ExponentialMotion, OdometryMotion, IdentityMotion),
-]
+Motion = Annotated[ExponentialMotion | OdometryMotion | IdentityMotion | CustomPart, CHOSEN_BY_TARGET]
 
 
 class NoRecovery(Part):
@@ -307,13 +294,7 @@ class BayesRestart(Part):
 
 
 Recovery = Annotated[
-    Annotated[NoRecovery, Tag("sextant.localization.recovery.NoRecovery")]
-    | Annotated[UniformInjection, Tag("sextant.localization.recovery.UniformInjection")]
-    | Annotated[AugmentedMCL, Tag("sextant.localization.recovery.AugmentedMCL")]
-    | Annotated[TopKInjection, Tag("sextant.localization.recovery.TopKInjection")]
-    | Annotated[BayesRestart, Tag("sextant.localization.recovery.BayesRestart")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(NoRecovery, UniformInjection, AugmentedMCL, TopKInjection, BayesRestart),
+    NoRecovery | UniformInjection | AugmentedMCL | TopKInjection | BayesRestart | CustomPart, CHOSEN_BY_TARGET
 ]
 
 

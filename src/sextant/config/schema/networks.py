@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import Count, CustomPart, NonNegative, Part, choose_part
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, NonNegative, Part
 
 
 class LeNet(Part):
@@ -128,31 +128,19 @@ class TimmBackbone(Part):
 
 
 Backbone = Annotated[
-    Annotated[LeNet, Tag("sextant.models.LeNet")]
-    | Annotated[ResNetCifar, Tag("sextant.models.ResNetCifar")]
-    | Annotated[DenseNetCifar, Tag("sextant.models.DenseNetCifar")]
-    | Annotated[AlexNetCifar, Tag("sextant.models.AlexNetCifar")]
-    | Annotated[StridedCNN, Tag("sextant.models.StridedCNN")]
-    | Annotated[OrientedCNN, Tag("sextant.models.OrientedCNN")]
-    | Annotated[PlaceCNN, Tag("sextant.models.PlaceCNN")]
-    | Annotated[SmallVGG, Tag("sextant.models.SmallVGG")]
-    | Annotated[CaffeNet, Tag("sextant.models.CaffeNet")]
-    | Annotated[TorchvisionBackbone, Tag("sextant.models.torchvision_backbone")]
-    | Annotated[TimmBackbone, Tag("sextant.models.timm_backbone")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(
-        LeNet,
-        ResNetCifar,
-        DenseNetCifar,
-        AlexNetCifar,
-        StridedCNN,
-        OrientedCNN,
-        PlaceCNN,
-        SmallVGG,
-        CaffeNet,
-        TorchvisionBackbone,
-        TimmBackbone,
-    ),
+    LeNet
+    | ResNetCifar
+    | DenseNetCifar
+    | AlexNetCifar
+    | StridedCNN
+    | OrientedCNN
+    | PlaceCNN
+    | SmallVGG
+    | CaffeNet
+    | TorchvisionBackbone
+    | TimmBackbone
+    | CustomPart,
+    CHOSEN_BY_TARGET,
 ]
 
 
@@ -184,10 +172,4 @@ class PushPullAvgInhibition(Part):
     impl: Literal["box", "direct"]
 
 
-Inhibition = Annotated[
-    Annotated[NoInhibition, Tag("sextant.layers.NoInhibition")]
-    | Annotated[PushPullInhibition, Tag("sextant.layers.PushPullInhibition")]
-    | Annotated[PushPullAvgInhibition, Tag("sextant.layers.PushPullAvgInhibition")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(NoInhibition, PushPullInhibition, PushPullAvgInhibition),
-]
+Inhibition = Annotated[NoInhibition | PushPullInhibition | PushPullAvgInhibition | CustomPart, CHOSEN_BY_TARGET]

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import CustomPart, NonNegative, Part, Positive, Share, choose_part
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart, NonNegative, Part, Positive, Share
 
 
 class SGD(Part):
@@ -44,13 +44,7 @@ class AdamW(Part):
     weight_decay: NonNegative = Field(examples=[0.01])
 
 
-Optimizer = Annotated[
-    Annotated[SGD, Tag("torch.optim.SGD")]
-    | Annotated[Adam, Tag("torch.optim.Adam")]
-    | Annotated[AdamW, Tag("torch.optim.AdamW")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(SGD, Adam, AdamW),
-]
+Optimizer = Annotated[SGD | Adam | AdamW | CustomPart, CHOSEN_BY_TARGET]
 
 
 class ConstantRate(Part):
@@ -79,10 +73,4 @@ class CosineDecay(Part):
     target: Literal["sextant.tasks.schedules.CosineDecay"] = Field(alias="_target_")
 
 
-Schedule = Annotated[
-    Annotated[ConstantRate, Tag("sextant.tasks.schedules.ConstantRate")]
-    | Annotated[StepDecay, Tag("sextant.tasks.schedules.StepDecay")]
-    | Annotated[CosineDecay, Tag("sextant.tasks.schedules.CosineDecay")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(ConstantRate, StepDecay, CosineDecay),
-]
+Schedule = Annotated[ConstantRate | StepDecay | CosineDecay | CustomPart, CHOSEN_BY_TARGET]

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import Node, Part, Seed, choose_part
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, Node, Part, Seed
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, ImageSide, Samples
 
 
@@ -60,10 +60,6 @@ class PanoramaMix(Part):
     target: Literal["sextant.data.calibration.PanoramaMix"] = Field(alias="_target_")
     sources: dict[
         str,
-        Annotated[
-            Annotated[TownPanoramas, Tag("sextant.data.worlds.TownPanoramas")]
-            | Annotated[PanoramaFolder, Tag("sextant.data.calibration.PanoramaFolder")],
-            choose_part(TownPanoramas, PanoramaFolder),
-        ],
+        Annotated[TownPanoramas | PanoramaFolder, CHOSEN_BY_TARGET],
     ] = Field(min_length=1)
     repeats: dict[str, Annotated[int, Field(ge=1)]] = Field(default_factory=dict, examples=["{real: 2}"])

@@ -1,8 +1,13 @@
 """What all config nodes have in common."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import tagged_union_schema
+
+#: what a part is called that Sextant has no model of
+CUSTOM = "custom"
 
 
 class Node(BaseModel):
@@ -23,15 +28,28 @@ class CustomPart(Part):
     model_config = ConfigDict(extra="allow")
 
 
-def choose_part(*known: type[Part]) -> Discriminator:
-    """Chooses the model of a part by its ``_target_``; what is not ``known`` is a :class:`CustomPart`."""
-    targets = {part.model_fields["target"].annotation.__args__[0] for part in known}  # type: ignore[union-attr]
+class ChosenByTarget:
+    """Marks a union of parts: the ``_target_`` of a node chooses the one; what none of them names is a custom part.
 
-    def tag(value: Any) -> str:
-        target = str(value.get("_target_") if isinstance(value, dict) else getattr(value, "target", None))
-        return target if target in targets else "custom"
+    Example: ``Annotated[LeNet | ResNetCifar | CustomPart, CHOSEN_BY_TARGET]``.
+    """
 
-    return Discriminator(tag)
+    def __get_pydantic_core_schema__(self, union: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        parts = {_target_of(part): handler.generate_schema(part) for part in get_args(union)}
+
+        def tag(value: Any) -> str:
+            target = str(value.get("_target_") if isinstance(value, dict) else getattr(value, "target", None))
+            return target if target in parts else CUSTOM
+
+        return tagged_union_schema(parts, discriminator=tag)
+
+
+CHOSEN_BY_TARGET = ChosenByTarget()
+
+
+def _target_of(part: type[Part]) -> str:
+    """The import path that a model is of."""
+    return CUSTOM if part is CustomPart else str(get_args(part.model_fields["target"].annotation)[0])
 
 
 def distinct(values: list[float]) -> list[float]:

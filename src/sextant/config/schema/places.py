@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Tag, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from sextant.config.schema.parts import Count, CustomPart, Node, NonNegative, Part, Positive, choose_part
+from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, Node, NonNegative, Part, Positive
 from sextant.config.schema.splits import ImageSide
 
 
@@ -46,15 +46,7 @@ class FeatureMixer(Part):
     ratio: Positive = Field(examples=[1.0])
 
 
-Pooling = Annotated[
-    Annotated[Average, Tag("sextant.models.pooling.Average")]
-    | Annotated[GeM, Tag("sextant.models.pooling.GeM")]
-    | Annotated[Flatten, Tag("sextant.models.pooling.Flatten")]
-    | Annotated[NetVLAD, Tag("sextant.models.pooling.NetVLAD")]
-    | Annotated[FeatureMixer, Tag("sextant.models.pooling.FeatureMixer")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(Average, GeM, Flatten, NetVLAD, FeatureMixer),
-]
+Pooling = Annotated[Average | GeM | Flatten | NetVLAD | FeatureMixer | CustomPart, CHOSEN_BY_TARGET]
 
 
 class TripletRatioLoss(Part):
@@ -152,13 +144,7 @@ class CachedHardMining(Part):
 
 
 Mining = Annotated[
-    Annotated[NoMining, Tag("sextant.retrieval.NoMining")]
-    | Annotated[RandomMining, Tag("sextant.retrieval.RandomMining")]
-    | Annotated[SemiHardMining, Tag("sextant.retrieval.SemiHardMining")]
-    | Annotated[BatchHardMining, Tag("sextant.retrieval.BatchHardMining")]
-    | Annotated[CachedHardMining, Tag("sextant.retrieval.CachedHardMining")]
-    | Annotated[CustomPart, Tag("custom")],
-    choose_part(NoMining, RandomMining, SemiHardMining, BatchHardMining, CachedHardMining),
+    NoMining | RandomMining | SemiHardMining | BatchHardMining | CachedHardMining | CustomPart, CHOSEN_BY_TARGET
 ]
 
 
