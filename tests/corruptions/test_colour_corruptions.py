@@ -63,3 +63,13 @@ def test_a_grey_image_is_brightened_by_addition_and_has_no_saturation(build):
     shift = build(["brightness"])["brightness"].row(3)
     np.testing.assert_allclose(corrupted(build, "brightness", 3, picture), np.clip(picture + shift, 0, 1), atol=1e-12)
     np.testing.assert_array_equal(corrupted(build, "saturate", 3, picture), picture)
+
+
+@pytest.mark.parametrize("name", ["brightness", "saturate"])
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_black_and_nearly_black_pixels_have_a_colour_in_half_precision_as_in_single(name, dtype):
+    images = torch.tensor([0.0, 1e-7, 6e-8, 0.5]).repeat(3).view(1, 3, 1, 4).to(dtype)
+    for level in (1, 3, 5):
+        corruption = cifar10_c([name])[name]
+        expected = corruption(images.float(), level, 0, 0)
+        torch.testing.assert_close(corruption(images, level, 0, 0).float(), expected, rtol=1e-2, atol=1e-6)

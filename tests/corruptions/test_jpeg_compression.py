@@ -6,6 +6,7 @@ import torch
 from PIL import Image
 
 from sextant.corruptions import cifar10_c, imagenet_c, to_bytes
+from sextant.errors import UserError
 
 
 @pytest.mark.parametrize("build", [cifar10_c, imagenet_c])
@@ -23,5 +24,8 @@ def test_it_is_pillows_jpeg(build, severity, shape):
 
 
 def test_images_of_other_channels_are_refused():
+    compression = cifar10_c(["jpeg_compression"])["jpeg_compression"]
+    with pytest.raises(UserError, match="1 or 3 channels"):
+        compression(torch.rand(1, 2, 8, 8), 1, torch.arange(1), 0)
     with pytest.raises(ValueError, match="1 or 3 channels, not 2"):
-        cifar10_c(["jpeg_compression"])["jpeg_compression"](torch.rand(1, 2, 8, 8), 1, torch.arange(1), 0)
+        compression.apply(torch.rand(1, 2, 8, 8), 1, None)

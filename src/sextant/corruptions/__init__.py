@@ -2,6 +2,7 @@
 
 from sextant.corruptions.benchmark_corruption import SEVERITIES, BenchmarkCorruption, Mode
 from sextant.corruptions.benchmark_suite import BenchmarkSuite, benchmark_set, cifar10_c, imagenet_c, mnist_c
+from sextant.corruptions.corrupt import corrupt
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.eight_bit import eight_bit, to_bytes
 from sextant.corruptions.noise.contrast_poisson import ContrastPoisson
@@ -24,6 +25,7 @@ __all__ = [
     "StoredSuite",
     "benchmark_set",
     "cifar10_c",
+    "corrupt",
     "eight_bit",
     "imagenet_c",
     "mnist_c",

@@ -39,9 +39,13 @@ class BenchmarkCorruption(Corruption[Params], Generic[Row, Params]):
         Raises:
             ValueError: the table has no such row.
         """
-        if level not in range(1, len(self.table) + 1):
+        if isinstance(level, bool) or level not in range(1, len(self.table) + 1):
             raise ValueError(f"{self.name} has severities 1 to {len(self.table)}, not {level!r}")
         return self.table[int(level) - 1]
+
+    def check_level(self, level: float) -> None:
+        """Raise a ``ValueError`` unless the table has a row for severity ``level``."""
+        self.row(level)
 
     def streams(self, level: float, indices: Int64[Tensor, "b"], seed: int) -> list[torch.Generator]:
         """One random stream for each image."""

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
 from sextant.corruptions.benchmark_corruption import BenchmarkCorruption, Mode
+from sextant.corruptions.contract import Indices
 from sextant.corruptions.eight_bit import eight_bit
 from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.sets import CIFAR10_C, IMAGENET_C, MNIST_C
@@ -86,7 +87,7 @@ class BenchmarkSuite(CorruptionSuite):
         )
 
     def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Int64[Tensor, "b"], condition: Condition
+        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
     ) -> Float[Tensor, "b c h w"]:
         """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
         corrupted = super().corrupt(images, indices, condition)

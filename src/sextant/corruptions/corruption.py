@@ -1,11 +1,15 @@
 """What a corruption is: parameters drawn from a seed, then applied to a batch of images."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from numbers import Real
 from typing import Generic, TypeVar
 
 from jaxtyping import Float, Int64
 from torch import Tensor
+
+from sextant.corruptions.contract import Indices, require_images, require_indices, require_seed
 
 Params = TypeVar("Params")
 
@@ -15,7 +19,8 @@ class Corruption(ABC, Generic[Params]):
 
     The draw is separate from its application, so that what happened to one image can be inspected and repeated:
     ``corruption(images, level, indices, seed)`` equals ``apply(images, level, draw(level, indices, shape, seed))``,
-    and every image depends on (seed, corruption, level, its index) alone, not on its batch.
+    and every image depends on (seed, corruption, level, its index) alone, not on its batch. The call checks what it is
+    given; ``draw`` and ``apply`` are its parts and take it as checked.
 
     Attributes:
         name: enters the seeds; corruptions of one name share their random streams. Metrics use the suite's key.
@@ -33,8 +38,32 @@ class Corruption(ABC, Generic[Params]):
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: Params) -> Float[Tensor, "b c h w"]:
         """Corrupt ``images``, values in [0, 1], with drawn parameters."""
 
+    def check_level(self, level: float) -> None:
+        """Raise a ``ValueError`` unless the corruption is defined at this level: by default at any finite number."""
+        if isinstance(level, bool) or not isinstance(level, Real) or not math.isfinite(level):
+            raise ValueError(f"a level of {self.name} is a finite number, not {level!r}")
+
     def __call__(
-        self, images: Float[Tensor, "b c h w"], level: float, indices: Int64[Tensor, "b"], seed: int
+        self, images: Float[Tensor, "b c h w"], level: float, indices: Indices, seed: int
     ) -> Float[Tensor, "b c h w"]:
-        """Draw and apply."""
-        return self.apply(images, level, self.draw(level, indices, tuple(images.shape[1:]), seed))
+        """Draw and apply.
+
+        Args:
+            images: grey or colour, values in [0, 1]; a batch may be empty.
+            level: severity, in the corruption's unit.
+            indices: the images' positions in their dataset, one for each; a list will do, for one image a number.
+            seed: of all random draws.
+
+        Returns:
+            New images of the same shape and type.
+
+        Raises:
+            UserError: the images are of another shape, type or range, or there are more or fewer indices than images.
+            ValueError: the corruption has no such level.
+        """
+        require_images(images)
+        self.check_level(level)
+        positions, seed = require_indices(indices, len(images)), require_seed(seed)
+        if len(images) == 0:
+            return images.clone()
+        return self.apply(images, level, self.draw(level, positions, tuple(images.shape[1:]), seed))

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from sextant.atomic_files import read_json
 from sextant.corruptions.benchmark_suite import Names, benchmark_set
+from sextant.corruptions.contract import Indices, require_indices
 from sextant.corruptions.making import LABELS, RECORD
 from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.suite import Condition, CorruptionSuite
@@ -67,20 +68,23 @@ class StoredSuite(CorruptionSuite):
         )
 
     def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Int64[Tensor, "b"], condition: Condition
+        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
     ) -> Float[Tensor, "b c h w"]:
         """The stored versions of the images at positions ``indices`` of the test split, in [0, 1].
 
         Raises:
-            UserError: the files hold images of another shape, or too few.
+            UserError: the files hold images of another shape, or too few; or there is not one index for each image.
         """
         if condition.corruption is None:
             return images
+        positions = require_indices(indices, len(images))
+        if len(images) == 0:
+            return images.clone()
         stored, levels = self.images[condition.corruption], self._levels[condition.corruption]
         count = len(stored) // len(levels)
-        if int(indices.max()) >= count:
+        if int(positions.max()) >= count:
             raise UserError(f"{self.folder} holds {count} images a severity, the test split has more", self._remedy)
-        rows = levels.index(condition.level) * count + indices.cpu().numpy()
+        rows = levels.index(condition.level) * count + positions.numpy()
         found = torch.from_numpy(np.ascontiguousarray(stored[rows]))
         found = found.unsqueeze(1) if found.ndim == 3 else found.permute(0, 3, 1, 2)
         if found.shape != images.shape:

@@ -7,6 +7,7 @@ from typing import Any
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from sextant.corruptions.contract import Indices
 from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.protocol import Protocol
 
@@ -50,7 +51,7 @@ class CorruptionSuite:
         return [Condition(), *corrupted]
 
     def corrupt(
-        self, images: Float[Tensor, "b c h w"], indices: Int64[Tensor, "b"], condition: Condition
+        self, images: Float[Tensor, "b c h w"], indices: Indices, condition: Condition
     ) -> Float[Tensor, "b c h w"]:
         """``images``, in [0, 1] and at positions ``indices`` of their dataset, under ``condition``."""
         if condition.corruption is None or condition.level is None:

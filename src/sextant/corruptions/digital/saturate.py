@@ -41,11 +41,12 @@ class Saturate(BenchmarkCorruption[tuple[float, float], None]):
         if images.shape[1] == 1:
             return images.clone()
         factor, shift = self.row(level)
-        value = images.amax(1, keepdim=True)
-        spread = value - images.amin(1, keepdim=True)
+        work = images.to(torch.promote_types(images.dtype, torch.float32))  # half precision has no 1e-12
+        value = work.amax(1, keepdim=True)
+        spread = value - work.amin(1, keepdim=True)
         saturation = spread / value.clamp(min=1e-12)
         wanted = (saturation * factor + shift).clamp(0, 1)
-        coloured = value - (value - images) * (wanted / saturation.clamp(min=1e-12))
-        red = torch.tensor([0.0, 1.0, 1.0], device=images.device, dtype=images.dtype)[:, None, None]
-        grey = value * (1 - wanted * red) if self.mode == "faithful" else images
-        return torch.where(spread > 0, coloured, grey).clamp(0, 1)
+        coloured = value - (value - work) * (wanted / saturation.clamp(min=1e-12))
+        red = torch.tensor([0.0, 1.0, 1.0], device=work.device, dtype=work.dtype)[:, None, None]
+        grey = value * (1 - wanted * red) if self.mode == "faithful" else work
+        return torch.where(spread > 0, coloured, grey).clamp(0, 1).to(images.dtype)

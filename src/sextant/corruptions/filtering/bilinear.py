@@ -25,7 +25,14 @@ def bilinear(
     """``images`` at (row, column), the centre of the first pixel at (0, 0), interpolated linearly along each axis.
 
     Equal to ``scipy.ndimage.map_coordinates`` of order 1, and for ``zero`` to a warp whose surroundings are black.
+
+    Raises:
+        ValueError: there are not as many points as images, or not as many rows as columns.
     """
+    if rows.shape != columns.shape or len(rows) != len(images):  # the compiled loop does not look
+        raise ValueError(
+            f"{len(images)} images, rows {tuple(rows.shape)} and columns {tuple(columns.shape)} do not match"
+        )
     if images.device.type != "cpu" or images.dtype not in (torch.float32, torch.float64):
         return _gathered(images, rows, columns, border)
     result = images.new_empty(*images.shape[:2], *rows.shape[1:])

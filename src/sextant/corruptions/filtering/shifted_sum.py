@@ -22,7 +22,12 @@ def shifted_sum(
         weights: of the terms.
         shifts: (column, row) in whole pixels, of each image or, with b = 1, of all.
         border: ``nearest``, ``reflect`` or ``mirror``.
+
+    Raises:
+        ValueError: there are shifts for another number of images, or of terms.
     """
+    if len(shifts) not in (1, len(images)) or shifts.shape[1:] != (len(weights), 2):  # the compiled loop does not look
+        raise ValueError(f"{len(images)} images, {len(weights)} weights and shifts {tuple(shifts.shape)} do not match")
     height, width = images.shape[-2:]
     if images.device.type == "cpu" and images.dtype in (torch.float32, torch.float64):
         margin = shifts.abs().amax((0, 1)) if shifts.numel() else torch.zeros(2, dtype=torch.int64)

@@ -30,6 +30,12 @@ class ContrastPoisson(Corruption[list[int]]):
     clip: bool = False
     name: str = "contrast_poisson"
 
+    def check_level(self, level: float) -> None:
+        """Raise a ``ValueError`` unless ``level`` is a contrast factor."""
+        super().check_level(level)
+        if not 0 < level <= 1:
+            raise ValueError(f"a level of {self.name} is a contrast factor in (0, 1], not {level!r}")
+
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> list[int]:
         """The seeds of the photon streams: counts depend on the image, so the stream is the parameter."""
         return image_seeds(self.name, level, indices, seed)

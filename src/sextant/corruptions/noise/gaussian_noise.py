@@ -28,6 +28,12 @@ class GaussianNoise(Corruption[Tensor]):
     clip: bool = False
     name: str = "gaussian"
 
+    def check_level(self, level: float) -> None:
+        """Raise a ``ValueError`` unless ``level`` is a variance."""
+        super().check_level(level)
+        if level < 0:
+            raise ValueError(f"a level of {self.name} is a variance, at least 0, not {level!r}")
+
     def draw(
         self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int
     ) -> Float[Tensor, "b c h w"]:

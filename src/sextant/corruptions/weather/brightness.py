@@ -30,6 +30,8 @@ class Brightness(BenchmarkCorruption[float, None]):
 
     def apply(self, images: Float[Tensor, "b c h w"], level: float, params: None) -> Float[Tensor, "b c h w"]:
         """Raise the value, keeping hue and saturation."""
-        value = images.amax(1, keepdim=True)
+        work = images.to(torch.promote_types(images.dtype, torch.float32))  # half precision has no 1e-12
+        value = work.amax(1, keepdim=True)
         raised = (value + self.row(level)).clamp(0, 1)
-        return torch.where(value > 0, images * (raised / value.clamp(min=1e-12)), raised).clamp(0, 1)
+        bright = torch.where(value > 0, work * (raised / value.clamp(min=1e-12)), raised)
+        return bright.clamp(0, 1).to(images.dtype)
