@@ -12,7 +12,10 @@ help: ## list the targets
 run: $(READY) ## train and test the main job: calibration on panoramas of a town that is rendered first, no download
 	$(BIN)/python train.py task=calibration
 
-test: $(READY) ## the whole test suite, on every core
+test: $(READY) ## the test suite but its slow tests, on every core
+	$(BIN)/python -m pytest -n auto -m "not slow"
+
+test-all: $(READY) ## the whole test suite, on every core
 	$(BIN)/python -m pytest -n auto
 
 lint: $(READY) ## style, types of the functional core, layers
@@ -50,4 +53,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help run test lint sweep-demo worlds-gallery report dashboard bench lock clean
+.PHONY: help run test test-all lint sweep-demo worlds-gallery report dashboard bench lock clean

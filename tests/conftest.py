@@ -1,14 +1,51 @@
-"""What all tests share: reproducible property tests, and the folder of real data."""
+"""What all tests share: reproducible property tests, real data, the limit of a test's length, who runs which file."""
 
 import os
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from time_limit import time_limit
+from xdist.scheduler import LoadScopeScheduling
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when torch is imported; the workers of pytest-xdist fill the cores
 settings.register_profile("sextant", max_examples=25, deadline=None, derandomize=True)
 settings.load_profile("sextant")
+
+#: Files that share a trained run, which is made when it is first asked for: one worker runs them all.
+TOGETHER = {
+    "tests/test_localizer.py": "a run in the office",
+    "tests/cli/test_predict_localization.py": "a run in the office",
+    "tests/tasks/test_cosfire.py": "a run on the digits",
+    "tests/cli/test_predict_cosfire.py": "a run on the digits",
+}
+
+
+class FileByFile(LoadScopeScheduling):
+    """A worker takes a file, so that what the file's tests share is made once; in the order of collection."""
+
+    def _split_scope(self, nodeid):
+        file = nodeid.partition("::")[0]
+        return TOGETHER.get(file, file)
+
+
+def pytest_xdist_make_scheduler(config, log):
+    config.option.loadscopereorder = False
+    return FileByFile(config, log)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Files with slow tests come first: none of them is left for one worker at the end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    with nullcontext() if item.get_closest_marker("slow") else time_limit():
+        return (yield)
 
 
 @pytest.fixture(scope="session")

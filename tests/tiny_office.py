@@ -1,5 +1,6 @@
 """Small offices, rendered once for all tests of a session: quick runs by day and by night, and a finished one."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,8 +37,9 @@ _finished = []
 
 
 def office_cache(tmp_path_factory) -> Path:
-    """The folder that the office is rendered into, and descriptors are kept in."""
-    return tmp_path_factory.getbasetemp() / "tiny_office"
+    """The folder that the office is rendered into, and descriptors are kept in, by all workers of pytest-xdist."""
+    own = tmp_path_factory.getbasetemp()
+    return (own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own) / "tiny_office"
 
 
 def office_arguments(cache: Path, outputs: Path, *overrides: str) -> list[str]:

@@ -1,0 +1,45 @@
+"""A test that takes long fails unless it is marked slow; compiling a kernel for the first time is not counted."""
+
+import subprocess
+import sys
+import time
+
+import numba
+import pytest
+from time_limit import time_limit
+
+
+def work(seconds):
+    start = time.process_time()
+    while time.process_time() - start < seconds:
+        pass
+
+
+def test_work_of_its_own_counts():
+    with (
+        pytest.raises(pytest.fail.Exception, match=r"took 0\.\d CPU seconds, at most 0\.2: shorten it"),
+        time_limit(0.2),
+    ):
+        work(0.3)
+
+
+def test_work_of_a_child_counts():
+    code = "import time\nwhile time.process_time() < 0.4: pass"
+    with pytest.raises(pytest.fail.Exception), time_limit(0.3):
+        subprocess.run([sys.executable, "-S", "-c", code], check=True)
+
+
+def test_waiting_and_compiling_do_not_count():
+    numba.njit(lambda x: x + 1)(1)  # what the compiler sets up once
+    with time_limit(0.2):
+        time.sleep(0.3)
+        numba.njit(lambda x: sum([x**k for k in range(5)]))(1.5)
+
+
+def test_an_error_within_stays_what_it_is():
+    def fails_late():
+        work(0.01)
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError), time_limit(0.0):
+        fails_late()

@@ -1,0 +1,26 @@
+"""How long a test may take that is not marked ``slow``."""
+
+import os
+from contextlib import contextmanager
+
+import pytest
+from numba.core.event import install_timer
+
+LONGEST_S = 10.0
+
+
+def cpu_seconds():
+    """Of this process and of the children that it has waited for; what other processes do costs a test nothing."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
+
+
+@contextmanager
+def time_limit(longest_s=LONGEST_S):
+    """Fail a test that takes longer. The first one to compile a kernel did not choose to be the first."""
+    compiling, before = [0.0], cpu_seconds()
+    with install_timer("numba:compile", compiling.append):
+        yield
+    spent = cpu_seconds() - before - sum(compiling)
+    if spent > longest_s:
+        pytest.fail(f"took {spent:.1f} CPU seconds, at most {longest_s:g}: shorten it, or mark it slow", pytrace=False)
