@@ -23,6 +23,7 @@ from sextant.reports.tables import (
     interval,
     is_number,
     number,
+    p_text,
 )
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.sweep_directory import Cell, SweepPlan
@@ -171,6 +172,12 @@ def test_tables_and_numbers():
     assert [is_number(text) for text in ("1", "-2e3", "nan", "inf", "[1]", "")] == [True, True, *[False] * 4]
 
 
+def test_a_p_value_is_never_told_as_zero():
+    assert [p_text(p) for p in (1.0, 0.05, 0.00005, 0.00004, 0.0, float("nan"))] == [
+        *("1.0000", "0.0500", "0.0001", "<0.0001", "<0.0001", NOTHING)
+    ]
+
+
 def entries(quantities, arms):
     return [Entry(["net"], arm, {q: f"{q}{arm}" for q in quantities}) for arm in arms]
 
@@ -186,6 +193,8 @@ def test_no_table_has_more_columns_than_can_be_read():
     assert long.columns == ["setting", "condition", "arm", "value"]
     assert len(long.rows) == 27 * (WIDEST + 1)
     gap = arms_table(["setting"], "condition", [*entries(many, "a"), *entries(many[:1], "b")])
+    nothing = [Entry(["net"], arm, dict.fromkeys(many, NOTHING) | {"c3": "1"}) for arm in "ab"]
+    assert arms_table(["setting"], "condition", nothing).rows == [["net", "c3", "1", "1"]]
     assert gap.rows[:2] == [["net", "c0", "c0a", "c0b"], ["net", "c1", "c1a", NOTHING]]
 
 

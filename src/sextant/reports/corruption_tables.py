@@ -8,7 +8,7 @@ from sextant.reports.corruption_contrasts import CorruptionContrast, of_corrupti
 from sextant.reports.corruption_errors import ArmErrors, OverSeeds
 from sextant.reports.results import SweepResults
 from sextant.reports.shared_set import SharedSet
-from sextant.reports.tables import NOTHING, TextTable, interval, number
+from sextant.reports.tables import NOTHING, TextTable, interval, number, p_text
 
 
 def score_table(
@@ -64,7 +64,7 @@ def difference_table(contrast: CorruptionContrast) -> TextTable:
     for family, name in [*names, ("", None)]:
         label = f"**mean of {len(names)}**" if name is None else name.replace("_", " ")
         floor = [] if contrast.floor is None else [_with_interval(of_corruption(contrast.floor, name))]
-        p_holm = NOTHING if name is None else number(contrast.differences.p_holm[name], 4)
+        p_holm = NOTHING if name is None else p_text(contrast.differences.p_holm[name])
         rows.append([family, label, *_compared(contrast, name), p_holm, *floor])
     return TextTable(columns, rows)
 

@@ -10,7 +10,7 @@ from sextant.evaluation import Sample, StratifiedDifference, holm, stratified_di
 from sextant.reports.contrasts import named_contrasts, noise_floor
 from sextant.reports.results import SweepResults
 from sextant.reports.section import Section
-from sextant.reports.tables import NOTHING, TextTable, interval, number
+from sextant.reports.tables import NOTHING, TextTable, interval, number, p_text
 
 #: under this name the mean over settings is told
 TOGETHER = "together"
@@ -86,8 +86,8 @@ def pooled_table(rows: Sequence[PooledRow], digits: int) -> TextTable:
         told = [NOTHING] * 3
         if (found := row.difference) is not None:
             told = [number(found.mean, digits, sign=True), interval(found.low, found.high, digits, sign=True)]
-            told.append(number(found.p_value, 4))
-        body.append([row.setting, row.condition, str(row.treatment), str(row.control), *told, number(row.p_holm, 4)])
+            told.append(p_text(found.p_value))
+        body.append([row.setting, row.condition, str(row.treatment), str(row.control), *told, p_text(row.p_holm)])
     columns = ["setting", "condition", "runs", "control runs", "difference", "95 %", "p (Welch)", "p (Welch, Holm)"]
     return TextTable(columns, body)
 

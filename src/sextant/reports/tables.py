@@ -59,7 +59,7 @@ def arms_table(heads: Sequence[str], quantity: str, entries: Sequence[Entry]) ->
     """One row an entry and one column a quantity; of many quantities one row each, and one column an arm.
 
     The columns are the arms where there are fewer of them and more than ``USUAL`` quantities. Where even the fewer are
-    more than ``WIDEST``, every value has a row of its own.
+    more than ``WIDEST``, every value has a row of its own. A quantity of which no arm has anything has no row.
 
     Args:
         heads: names of the columns that tell entries of an arm apart.
@@ -72,7 +72,9 @@ def arms_table(heads: Sequence[str], quantity: str, entries: Sequence[Entry]) ->
         rows = [[*e.heads, e.arm, *(e.values.get(name, NOTHING) for name in quantities)] for e in entries]
         return TextTable([*heads, "arm", *quantities], rows)
     found = {(tuple(entry.heads), entry.arm): entry.values for entry in entries}
-    each = [(key, name) for key in dict.fromkeys(key for key, _ in found) for name in quantities]
+    told = {(key, name) for (key, _), values in found.items() for name, text in values.items() if text != NOTHING}
+    keys = dict.fromkeys(key for key, _ in found)
+    each = [(key, name) for key in keys for name in quantities if (key, name) in told]
     if len(arms) <= WIDEST:
         rows = [[*key, name, *(found.get((key, arm), {}).get(name, NOTHING) for arm in arms)] for key, name in each]
         return TextTable([*heads, quantity, *arms], rows)
@@ -97,6 +99,11 @@ def interval(low: float, high: float, digits: int = 2, sign: bool = False) -> st
     if low != low or high != high:
         return "–"
     return f"[{number(low, digits, sign)}, {number(high, digits, sign)}]"
+
+
+def p_text(value: float) -> str:
+    """A p-value; what would be rounded to zero is told as a bound."""
+    return "<0.0001" if value < 0.00005 else number(value, 4)
 
 
 def decimals(value: float, digits: int = 3) -> int:

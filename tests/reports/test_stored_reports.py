@@ -1,0 +1,73 @@
+"""The stored reports in ``docs``: what their tables say follows from their files, and can be read."""
+
+import csv
+from pathlib import Path
+
+import pytest
+from scipy import stats
+
+from sextant.evaluation import Sample, holm, share_interval_of, stratified_difference
+
+DOCS = Path(__file__).parents[2] / "docs"
+REPORTS = sorted(DOCS.glob("*/**/report.md"))
+#: reports whose intervals of shares are Korn and Graubard's; those of the others are t intervals, as they say
+OF_SHARES = [path.parent for path in REPORTS if "Korn and Graubard's" in path.read_text(encoding="utf-8")]
+POOLED = sorted(path.parent for path in DOCS.glob("*/**/pooled.csv"))
+
+
+def rows_of(path):
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def named(paths):
+    return pytest.mark.parametrize("folder", paths, ids=lambda path: path.relative_to(DOCS).as_posix())
+
+
+@named([path.parent for path in REPORTS])
+def test_no_share_leaves_its_range_and_no_table_has_too_many_columns(folder):
+    text = (folder / "report.md").read_text(encoding="utf-8")
+    assert max(line.count("|") - 1 for line in text.splitlines() if line.startswith("| ---")) <= 15
+    if folder.parent.name != "calibration":
+        ends = [float(row[end]) for row in rows_of(folder / "cells.csv") for end in ("low", "high")]
+        assert all(end != end or 0 <= end <= 100 for end in ends)
+
+
+@named(OF_SHARES)
+def test_intervals_of_shares_follow_from_the_cells(folder):
+    for row in rows_of(folder / "cells.csv"):
+        if float(row["spread"]):
+            low, high = share_interval_of(float(row["mean"]) / 100, float(row["spread"]) / 100, int(row["seeds"]))
+            assert (float(row["low"]), float(row["high"])) == pytest.approx((100 * low, 100 * high))
+
+
+@named(POOLED)
+def test_pooled_controls_follow_from_the_cells(folder):
+    rows = rows_of(folder / "cells.csv")
+    cell = {
+        (r["setting"], r["arm"], r["condition"]): Sample(int(r["seeds"]), float(r["mean"]), float(r["spread"]))
+        for r in rows
+    }
+    settings = list(dict.fromkeys(row["setting"] for row in rows))
+    for row in rows_of(folder / "pooled.csv"):
+        within = settings if row["setting"] == "together" else [row["setting"]]
+        at = row["condition"]
+        control = {s: cell[s, "conv", at].joined(cell[s, "twin", at]) for s in within}
+        found = stratified_difference([(cell[s, "push_pull", at], control[s]) for s in within])
+        assert (found.mean, found.low, found.high) == pytest.approx([float(row[k]) for k in ("mean", "low", "high")])
+        assert found.p_value == pytest.approx(float(row["p_value"]))
+
+
+def test_what_is_certain_of_19_corruptions_holds_under_holm():
+    rows = [row for row in rows_of(DOCS / "push_pull/cifar/corruption_contrasts.csv") if row["corruption"] != "mean"]
+    raw = []
+    for row in rows:
+        difference, low, high = (float(row[key]) for key in ("difference", "low", "high"))
+        pairs = int(row["pairs"])
+        error = (high - low) / 2 / stats.t.ppf(0.975, pairs - 1)
+        raw.append(2 * stats.t.sf(abs(difference) / error, pairs - 1))
+    corrected = holm(raw)
+    assert corrected == pytest.approx([float(row["p_holm"]) for row in rows])
+    kept = [float(row["difference"]) for row, p in zip(rows, corrected, strict=True) if p < 0.05]
+    certain = [row for row in rows if float(row["low"]) > 0 or float(row["high"]) < 0]
+    assert (sum(d < 0 for d in kept), sum(d > 0 for d in kept), len(certain)) == (10, 5, 15)
