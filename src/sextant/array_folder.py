@@ -1,11 +1,12 @@
 """Folders of arrays with a header that tells what they are: how they are recognised, checked and refused.
 
 The header is a JSON file that is written last, so that a folder in which writing was broken off has none; the arrays
-are ``.npy`` files, which are mapped into memory and never unpickled. Whoever writes one calls
-:func:`~sextant.atomic_files.write_json` with ``format`` and ``version`` among its keys.
+are ``.npy`` files, which are mapped into memory and never unpickled. The header has the hash of each array and one of
+itself; headers from before have none of themselves.
 """
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy import ndarray
 
-from sextant.atomic_files import read_json
+from sextant.atomic_files import read_json, seal_holds, write_sealed_json
 from sextant.errors import UserError
 
 
@@ -37,11 +38,23 @@ class FolderFormat:
         """``what`` without the article."""
         return self.what.partition(" ")[2]
 
+    def write_header(self, folder: Path, header: Mapping[str, Any]) -> None:
+        """Make one of this kind of a folder in which everything else lies.
+
+        Args:
+            folder: that it is written into.
+            header: but for format and version; of each array it has the hash.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        write_sealed_json(folder / self.header, {"format": self.format, "version": self.version, **header})
+
     def read_header(self, folder: Path) -> dict[str, Any]:
         """The header of a folder.
 
         Raises:
-            UserError: there is no such folder, no header in it, one of another format or version.
+            UserError: there is no such folder, no header in it, one of another format or version, or an altered one.
         """
         path = folder / self.header
         if not path.is_file():
@@ -59,6 +72,8 @@ class FolderFormat:
                 f"{path} has version {header.get('version')!r}; this program reads version {self.version}",
                 f"Build the {self.noun} anew from its images.",
             )
+        if not seal_holds(header):
+            raise self.damaged(folder, f"{path} was altered: it does not match its own hash")
         return header
 
     def open_array(

@@ -1,6 +1,7 @@
 """Files that are either wholly there or not at all."""
 
 import csv
+import hashlib
 import io
 import json
 import math
@@ -8,6 +9,9 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
+
+#: key of the hash of a JSON file's other keys
+SEAL = "seal"
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
@@ -35,6 +39,17 @@ def write_json(path: Path, value: Any) -> None:
     write_atomically(path, lambda file: file.write(text.encode()))
 
 
+def write_sealed_json(path: Path, value: Mapping[str, Any]) -> None:
+    """Like :func:`write_json`, with the hash of what is written under ``seal``; :func:`seal_holds` compares it."""
+    plain = {key: inner for key, inner in _finite(dict(value)).items() if key != SEAL}
+    write_json(path, plain | {SEAL: _sha256(plain)})
+
+
+def seal_holds(content: Mapping[str, Any]) -> bool:
+    """Whether what was read is what :func:`write_sealed_json` wrote; one without a seal is believed."""
+    return SEAL not in content or content[SEAL] == _sha256({k: v for k, v in content.items() if k != SEAL})
+
+
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a table with a head, atomically; what a row lacks is left empty, truth is written as true or false."""
     table = io.StringIO()
@@ -51,6 +66,12 @@ def read_json(path: Path) -> Any | None:
         return json.loads(path.read_text())
     except (OSError, ValueError):
         return None
+
+
+def _sha256(content: Mapping[str, Any]) -> str:
+    """Of plain values, however a file that holds them is laid out."""
+    plain = json.loads(json.dumps(content))  # as a file gives them back
+    return hashlib.sha256(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def _finite(value: Any) -> Any:

@@ -1,6 +1,7 @@
 """A trained model is tested and used from its checkpoint alone."""
 
 import json
+import random
 import shutil
 
 import numpy as np
@@ -92,6 +93,53 @@ def test_a_checkpoint_that_names_foreign_code_is_not_built(trained, tmp_path):
     with pytest.raises(UserError, match="which Sextant does not know"):
         predict.main([arguments[0], f"input={run.figures}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])
     assert not target.exists()
+
+
+@pytest.mark.parametrize("command", ["predict", "evaluate"])
+def test_a_damaged_checkpoint_is_not_used(trained, tmp_path, command):
+    outputs, run = trained
+    whole, damaged = run.last_checkpoint.read_bytes(), tmp_path / "last.ckpt"
+    chosen = random.Random(0).sample(range(len(whole)), 200)
+    damaged.write_bytes(bytes(byte ^ 255 * (i in set(chosen)) for i, byte in enumerate(whole)))
+    broken = load_checkpoint(run.last_checkpoint)
+    broken["state_dict"] = {name: tensor * torch.nan for name, tensor in broken["state_dict"].items()}
+    torch.save(broken, tmp_path / "nan.ckpt")
+    for path, said in ((damaged, "is damaged"), (tmp_path / "nan.ckpt", "holds weights that are not finite")):
+        if command == "predict":
+            arguments = [f"input={run.figures}", f"output={tmp_path / 'out'}", f"outputs={outputs}"]
+        else:
+            arguments = [f"paths.outputs={outputs}", "tracking=none"]
+        with pytest.raises(UserError, match=said) as caught:
+            {"predict": predict, "evaluate": evaluate}[command].main([f"run={path}", *arguments])
+        assert str(path) in caught.value.problem
+        assert caught.value.fix
+
+
+def test_weights_so_large_that_answers_are_no_numbers(trained, tmp_path):
+    _, run = trained
+    content = load_checkpoint(run.last_checkpoint)
+    content["state_dict"] = {name: torch.full_like(tensor, 1e38) for name, tensor in content["state_dict"].items()}
+    torch.save(content, tmp_path / "large.ckpt")
+    with pytest.raises(UserError, match=r"large\.ckpt answers with what is no number"):
+        predict.main([f"run={tmp_path / 'large.ckpt'}", f"input={run.figures}", f"output={tmp_path / 'out'}"])
+
+
+def test_a_run_is_not_resumed_from_a_damaged_checkpoint(tmp_path, monkeypatch):
+    raw = quick_config(tmp_path, "tracking=none")
+    monkeypatch.setattr("sextant.cli.training._test", lambda *given: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        execute(raw)
+    (directory,) = all_runs(tmp_path)
+    with directory.last_checkpoint.open("r+b") as file:
+        file.seek(directory.last_checkpoint.stat().st_size // 2)
+        file.write(b"damage")
+    monkeypatch.undo()
+    with pytest.raises(UserError, match=r"last\.ckpt is damaged") as caught:
+        execute(raw)
+    assert "training again" in caught.value.fix
+    directory.last_checkpoint.unlink()
+    execute(raw)
+    assert directory.results() is not None
 
 
 def test_a_gpu_that_is_not_there(trained):

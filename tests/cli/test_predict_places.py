@@ -15,6 +15,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from support import fill_disk
 
+from sextant.atomic_files import write_sealed_json
 from sextant.cli import predict
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import execute
@@ -488,6 +489,7 @@ def test_a_map_is_described_once_and_used_again_without_its_photos(rides, tmp_pa
         ("photos", "lacks keys"),
         ("other names", "is not the one that map.json was written for"),
         ("descriptors", "is damaged"),
+        ("altered", "map.json was altered"),
     ],
 )
 def test_descriptors_that_cannot_be_used(rides, tmp_path, harm, says):
@@ -497,9 +499,11 @@ def test_descriptors_that_cannot_be_used(rides, tmp_path, harm, says):
     if harm == "descriptors":
         (folder / "descriptors.npy").write_bytes((folder / "descriptors.npy").read_bytes()[:-1])
     elif harm == "other names":
-        (folder / "map.json").write_text(json.dumps(header | {"photos": header["photos"][1:]}))
+        write_sealed_json(folder / "map.json", header | {"photos": header["photos"][1:]})
+    elif harm == "altered":
+        (folder / "map.json").write_text(json.dumps(header | {"folder": "elsewhere"}))
     else:
-        (folder / "map.json").write_text(json.dumps(header | {harm: 99 if harm != "model" else "another"}))
+        write_sealed_json(folder / "map.json", header | {harm: 99 if harm != "model" else "another"})
     with pytest.raises(UserError, match=says):
         look_up(folder, rides[1], tmp_path / "b")
 

@@ -1,12 +1,16 @@
 """Published networks are tested and used as if they were runs."""
 
+import subprocess
+import sys
+
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 from support import as_published
 
 from sextant.cli.evaluate import checkpoint_config
-from sextant.cli.trained_model import read_trained
-from sextant.cli.training import model_from_checkpoint
+from sextant.cli.trained_model import model_from_checkpoint, read_trained
 from sextant.corruptions import BenchmarkSuite
 from sextant.data.cifar10 import CIFAR10
 from sextant.errors import UserError
@@ -33,8 +37,9 @@ def a_densenet():
 )
 def test_a_published_network_is_built_from_its_config(tmp_path, network, first):
     path = as_published(network, tmp_path / "checkpoint.pth.tar", push_pull=(first,) if first else ())
-    raw, config = checkpoint_config(read_trained(path)[KEY], ["dataset.train_batches=1"])
-    model = model_from_checkpoint(raw, config, path)
+    content = read_trained(path)
+    raw, config = checkpoint_config(content[KEY], ["dataset.train_batches=1"])
+    model = model_from_checkpoint(raw, config, content, path)
     images = torch.rand(2, 3, 32, 32)
     with torch.no_grad():
         assert torch.equal(model(images), load_published(path).network(images))
@@ -44,6 +49,28 @@ def test_inhibition_elsewhere_is_refused(tmp_path):
     path = as_published(a_resnet(), tmp_path / "checkpoint.pth.tar", push_pull=("conv1", "layer1.0.conv1"))
     with pytest.raises(UserError, match=r"push-pull layers at conv1, layer1\.0\.conv1"):
         read_trained(path)
+
+
+PROBE = """
+import sys, torch
+from sextant.cli import predict
+loads, load = [], torch.load
+torch.load = lambda *given, **more: loads.append(given) or load(*given, **more)
+predict.main(sys.argv[1:])
+print("read", len(loads), [name for name in ("pytorch_lightning", "mlflow", "torchvision") if name in sys.modules])
+"""
+
+
+def test_one_image_is_classified_without_lightning_and_its_network_read_once(tmp_path):
+    path, image = as_published(a_densenet(), tmp_path / "checkpoint.pth.tar"), tmp_path / "one.png"
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (32, 32, 3), np.uint8)).save(image)
+    arguments = [f"run={path}", f"input={image}", f"output={tmp_path / 'out'}"]
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE, *arguments], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.stderr == ""
+    assert "1 images classified" in done.stdout
+    assert done.stdout.endswith("read 1 []\n")
 
 
 @pytest.mark.real_data

@@ -1,12 +1,16 @@
 import json
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from localization.observation.smooth_map import KERNEL, descriptors_at, poses_in_room, smooth_map
 
+from sextant.atomic_files import write_sealed_json
 from sextant.errors import UserError
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
@@ -89,7 +93,7 @@ def test_a_cut_file_is_found_without_hashes(folder):
 def _with(folder, change):
     header = json.loads((folder / HEADER).read_text())
     change(header)
-    (folder / HEADER).write_text(json.dumps(header))
+    write_sealed_json(folder / HEADER, header)
 
 
 @pytest.mark.parametrize(
@@ -128,8 +132,56 @@ def test_a_folder_without_a_map_is_refused(tmp_path):
         load_map(tmp_path / "nowhere")
 
 
+@pytest.mark.parametrize("old", ["0.25", "5.0", '"student"', '"abc"'])
+def test_an_altered_header_is_told(folder, old):
+    path = folder / HEADER
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, old.replace("5", "7").replace("u", "v").replace("c", "d"), 1))
+    with pytest.raises(UserError, match=r"map\.json was altered"):
+        load_map(folder)
+
+
+def test_a_map_from_before_headers_had_a_hash_opens(folder):
+    header = json.loads((folder / HEADER).read_text())
+    del header["seal"]
+    (folder / HEADER).write_text(json.dumps(header))
+    assert load_map(folder).facts == FACTS
+
+
+@given(
+    flips=st.lists(st.tuples(st.integers(0, 2**30), st.integers(1, 255)), min_size=1, max_size=9), which=st.integers()
+)
+def test_a_map_with_flipped_bytes_is_refused_or_the_same(whole_map, flips, which):
+    folder, contents, answer = whole_map
+    path = sorted(contents)[which % len(contents)]
+    content = bytearray(contents[path])
+    for position, change in flips:
+        content[position % len(content)] ^= change
+    path.write_bytes(content)
+    try:
+        with suppress(UserError):
+            assert answers(folder) == answer
+    finally:
+        path.write_bytes(contents[path])
+
+
+def answers(folder):
+    found = load_map(folder)
+    mean = found.model.predict(poses_in_room(5)).mean
+    return found.facts, found.likelihood, found.model.kernel, found.model.arguments(), mean.tolist()
+
+
+@pytest.fixture(scope="module")
+def whole_map(tmp_path_factory):
+    """A folder, what is in its files, and what the map in it answers."""
+    folder = tmp_path_factory.mktemp("maps") / "map"
+    save_map(folder, CachedLocalGP(8).fit(smooth_map(), KERNEL), LIKELIHOOD, FACTS)
+    return folder, {path: path.read_bytes() for path in folder.rglob("*.*")}, answers(folder)
+
+
 def test_a_map_whose_saving_was_broken_off_is_not_taken_for_one(folder, monkeypatch):
-    monkeypatch.setattr("sextant.localization.saved_map.write_json", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    monkeypatch.setattr("sextant.array_folder.write_sealed_json", lambda *_: (_ for _ in ()).throw(OSError("full")))
     with pytest.raises(OSError, match="full"):
         save_map(folder, ExactGP().fit(smooth_map(), KERNEL), LIKELIHOOD, FACTS)
     with pytest.raises(UserError, match=r"no map\.json"):

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sextant.atomic_files import write_sealed_json
 from sextant.errors import UserError
 from sextant.retrieval import nearest
 from sextant.retrieval.flat_index import FlatIndex
@@ -73,6 +74,18 @@ def test_a_change_of_any_byte_is_noticed(saved):
             FlatIndex.load(saved)
 
 
+def test_an_altered_name_is_noticed_and_an_index_without_its_own_hash_opens(saved):
+    path = saved / "index.json"
+    text = path.read_text()
+    path.write_text(text.replace("3.jpg", "4.jpg", 1))
+    with pytest.raises(UserError, match=r"index\.json was altered"):
+        FlatIndex.load(saved)
+    header = json.loads(text)
+    del header["seal"]
+    path.write_text(json.dumps(header))
+    assert FlatIndex.load(saved).names == tuple(f"{i}.jpg" for i in range(5))
+
+
 @pytest.mark.parametrize(
     ("damage", "complaint"),
     [
@@ -105,7 +118,7 @@ def test_damaged_and_foreign_folders_are_refused(saved, damage, complaint):
 )
 def test_headers_that_lie_are_refused(saved, change, complaint):
     path = saved / "index.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    write_sealed_json(path, json.loads(path.read_text()) | change)
     with pytest.raises(UserError, match=complaint):
         FlatIndex.load(saved)
 
@@ -123,7 +136,7 @@ def test_arrays_that_are_no_descriptors_are_refused_even_with_their_digest(saved
     np.save(saved / "descriptors.npy", array)
     header = json.loads((saved / "index.json").read_text())
     header["sha256"] = hashlib.sha256((saved / "descriptors.npy").read_bytes()).hexdigest()
-    (saved / "index.json").write_text(json.dumps(header))
+    write_sealed_json(saved / "index.json", header)
     with pytest.raises(UserError, match=complaint):
         FlatIndex.load(saved)
 

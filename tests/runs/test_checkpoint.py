@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from sextant.errors import UserError
-from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, AtomicCheckpointIO, load_checkpoint
+from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
+from sextant.runs.checkpoint_io import AtomicCheckpointIO
 
 GOOD = {KEY: {"schema_version": SCHEMA_VERSION, "task": "classification"}, "state_dict": {"w": torch.ones(3)}}
 

@@ -13,7 +13,7 @@ from sextant.cli import evaluate
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import execute
 from sextant.cli.families.place_recognition import PlaceRecognitionFamily
-from sextant.cli.training import model_from_checkpoint
+from sextant.cli.trained_model import model_from_checkpoint, read_trained
 from sextant.config import validate
 from sextant.data.places import PlaceTolerance
 from sextant.errors import UserError
@@ -109,7 +109,7 @@ def test_the_last_layer_is_solved_for_after_the_last_epoch(folder, tmp_path):
     whitening = ["task.whitening={components: 64, shrinkage: 1.0}", "task.dimension=16", "task.baselines=false"]
     run = RunDirectory(execute(config(folder, tmp_path, *whitening)).directory)
     raw = yaml.safe_load(run.config.read_text())
-    module = model_from_checkpoint(raw, validate(raw), run.last_checkpoint)
+    module = model_from_checkpoint(raw, validate(raw), read_trained(run.last_checkpoint), run.last_checkpoint)
     kept = module.network.projection.weight.clone()
     torch.nn.init.zeros_(module.network.projection.weight)
     train = PlaceRecognitionFamily().source(raw, validate(raw)).read("train")

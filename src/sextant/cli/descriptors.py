@@ -49,22 +49,22 @@ class TrainedDescriptor:
         Raises:
             UserError: there is no such run, or it is not one of place recognition.
         """
-        from sextant.cli.trained_model import read_trained
-        from sextant.cli.training import model_from_checkpoint
+        from sextant.cli.trained_model import model_from_checkpoint, read_trained
         from sextant.config import validate
         from sextant.data.places.decoded_images import ImageSize
         from sextant.runs.checkpoint import KEY
         from sextant.tasks.place_network import TrainedPlaceNetwork
 
         found = resolve_run(self.run, outputs, "descriptor.run")
-        trained = read_trained(found.checkpoint)[KEY]
+        content = read_trained(found.checkpoint)
+        trained = content[KEY]
         if trained["task"] != "place_recognition":
             raise UserError(
                 f"descriptor.run={self.run} is a run of task={trained['task']}, which gives no place descriptor",
                 "Name a run of task=place_recognition.",
             )
         raw = trained["config"]
-        module = model_from_checkpoint(raw, validate(raw), found.checkpoint)
+        module = model_from_checkpoint(raw, validate(raw), content, found.checkpoint)
         size = ImageSize(module.spec.height, module.spec.width, module.spec.channels)
         return NetworkDescriber(TrainedPlaceNetwork(module.network, size, found.identity))
 

@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> None:
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         open_mirror()
-        return test_checkpoint(raw, config, source, found.checkpoint, directory, key)
+        return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key)
 
     outcome = run_once(key, raw, config, work)
     show_result(RunDirectory(outcome.directory), task=config.task.name, reused=outcome.reused)

@@ -91,18 +91,17 @@ def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path
 def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
     """The network of a run, a checkpoint or a published file; it standardises its images itself."""
     from sextant.cli.evaluate import checkpoint_config
-    from sextant.cli.trained_model import read_trained
-    from sextant.cli.training import model_from_checkpoint
+    from sextant.cli.trained_model import model_from_checkpoint, read_trained
     from sextant.runs.checkpoint import KEY as CONTENT
     from sextant.runs.resolve import resolve_run
 
     path = resolve_run(shelf.weights, outputs, f"{KEY}.weights").checkpoint
-    content = read_trained(path)[CONTENT]
-    raw, config = checkpoint_config(content, [])
-    channels = int(content["spec"].get("channels", 3))
+    content = read_trained(path)
+    raw, config = checkpoint_config(content[CONTENT], [])
+    channels = int(content[CONTENT]["spec"].get("channels", 3))
     backbone = raw["backbone"]
     name = str(backbone.get("name") or str(backbone["_target_"]).rsplit(".", 1)[-1])
-    network = model_from_checkpoint(raw, config, path).network
+    network = model_from_checkpoint(raw, config, content, path).network
     return _Trained(name, network, channels, (0.0,) * channels, (1.0,) * channels)
 
 

@@ -33,6 +33,8 @@ from sextant.tracking.environment import quiet_libraries
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from sextant.config import Config
+
 USAGE = (
     "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> "
     "output=<folder>"
@@ -85,7 +87,8 @@ def main(arguments: Sequence[str]) -> None:
     from sextant.cli.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
 
-    trained = read_trained(found.checkpoint)[KEY]
+    content = read_trained(found.checkpoint)
+    trained = content[KEY]
     if trained["task"] == "place_recognition":
         raise UserError(
             f"run={given['run']}: input= does not take models of place_recognition, which look photos up in a map",
@@ -100,10 +103,10 @@ def main(arguments: Sequence[str]) -> None:
             "Name the run's folder, or a folder that Localizer.save wrote.",
         )
     if trained["task"] == "calibration":
-        _calibrate(trained, found.checkpoint, paths, output, options, trust)
+        _calibrate(content, found.checkpoint, paths, output, options, trust)
         return
     _refuse(given, CALIBRATION_KEYS, "calibration", trained["task"])
-    rows, pictures = _classify(paths, found.checkpoint, trust)
+    rows, pictures = _classify(paths, content, found.checkpoint, trust)
     with telling_write_errors(output):
         _write(rows, output)
         _sheet(pictures, output)
@@ -184,7 +187,7 @@ def _localize(given: Mapping[str, str], folder: Path) -> None:
 
 
 def _calibrate(
-    trained: Mapping[str, Any],
+    content: Mapping[str, Any],
     checkpoint: Path,
     paths: list[Path],
     output: Path,
@@ -194,10 +197,12 @@ def _calibrate(
     from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.photo_calibration.model import TrainedModel
     from sextant.cli.photo_calibration.predict import predict_calibrations
-    from sextant.cli.training import model_from_checkpoint
+    from sextant.cli.trained_model import model_from_checkpoint
+    from sextant.runs.checkpoint import KEY
 
-    raw, config = checkpoint_config(trained, ["trust=true"] if trust else [])
-    predict_calibrations(TrainedModel(model_from_checkpoint(raw, config, checkpoint)), paths, output, options)
+    raw, config = checkpoint_config(content[KEY], ["trust=true"] if trust else [])
+    module = model_from_checkpoint(raw, config, content, checkpoint)
+    predict_calibrations(TrainedModel(module), paths, output, options)
 
 
 def _match_places(given: Mapping[str, str]) -> None:
@@ -212,20 +217,21 @@ def _match_places(given: Mapping[str, str]) -> None:
     from sextant.cli.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
 
-    trained = read_trained(found.checkpoint)[KEY]
+    content = read_trained(found.checkpoint)
+    trained = content[KEY]
     if trained["task"] != "place_recognition":
         raise UserError(f"map= belongs to place_recognition; this is a model of {trained['task']}", USAGE)
     from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.place_matching.predict import predict_places
     from sextant.cli.place_matching.run_facts import run_facts, run_temperature
-    from sextant.cli.training import model_from_checkpoint
+    from sextant.cli.trained_model import model_from_checkpoint
     from sextant.config.schema import PlaceRecognitionTask
     from sextant.data.places.decoded_images import ImageSize
     from sextant.tasks.place_network import TrainedPlaceNetwork
 
     raw, config = checkpoint_config(trained, ["trust=true"] if given.get("trust") == "true" else [])
     assert isinstance(config.task, PlaceRecognitionTask)
-    module = model_from_checkpoint(raw, config, found.checkpoint)
+    module = model_from_checkpoint(raw, config, content, found.checkpoint)
     size = ImageSize(module.spec.height, module.spec.width, module.spec.channels)
     network = TrainedPlaceNetwork(module.network, size, found.identity)
     predict_places(
@@ -238,17 +244,14 @@ def _match_places(given: Mapping[str, str]) -> None:
 
 
 def _classify(
-    paths: list[Path], checkpoint: Path, trust: bool
+    paths: list[Path], content: Mapping[str, Any], checkpoint: Path, trust: bool
 ) -> tuple[list[dict[str, Any]], list[tuple[np.ndarray, str]]]:
     import torch
 
     from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.families.classification import image_spec
-    from sextant.cli.trained_model import read_trained
-    from sextant.cli.training import model_from_checkpoint
     from sextant.runs.checkpoint import KEY
 
-    content = read_trained(checkpoint)
     spec = image_spec(content[KEY]["spec"])
     if spec.height != spec.width:
         raise UserError(
@@ -256,8 +259,7 @@ def _classify(
             "Images of a dataset: python evaluate.py run=<...> dataset=<...>",
         )
     raw, config = checkpoint_config(content[KEY], ["corruption=none", *(["trust=true"] if trust else [])])
-    module = model_from_checkpoint(raw, config, checkpoint)
-    chances_or_scores = _answering(module, content[KEY]["task"])
+    chances_or_scores = _answering(raw, config, content, checkpoint)
     rows: list[dict[str, Any]] = []
     pictures: list[tuple[np.ndarray, str]] = []
     for batch in _batches(paths):
@@ -277,6 +279,11 @@ def _classify(
         stacked = stacked[:, None] if stacked.ndim == 3 else stacked.transpose(0, 3, 1, 2)
         with torch.no_grad():
             name, found = chances_or_scores(torch.from_numpy(stacked.copy()))
+        if bool(found.isnan().any()):
+            raise UserError(
+                f"the model in {checkpoint} answers with what is no number",
+                "Its weights are damaged, or its training diverged. Take another checkpoint.",
+            )
         for entry, image, numbers in zip(entries, images, found.tolist(), strict=True):
             best = int(np.argmax(numbers))
             entry |= {"class": spec.classes[best], name: round(numbers[best], 6)}
@@ -288,12 +295,18 @@ def _classify(
     return rows, pictures
 
 
-def _answering(module: Any, task: str) -> Callable[["Tensor"], tuple[str, "Tensor"]]:
+def _answering(
+    raw: Mapping[str, Any], config: "Config", content: Mapping[str, Any], checkpoint: Path
+) -> Callable[["Tensor"], tuple[str, "Tensor"]]:
     """What gives images (bytes) numbers for each class, with the name of such a number."""
-    if task == "cosfire":
+    from sextant.cli.trained_model import classifier_from_checkpoint, model_from_checkpoint
+
+    if config.task.name == "cosfire":
+        module = model_from_checkpoint(raw, config, content, checkpoint)
         console.print(f"method {module.methods[0]}")
         return lambda images: ("score", module.predict_step(images))
-    return lambda images: ("probability", module.predict_step(images.float() / 255))
+    network = classifier_from_checkpoint(raw, content, checkpoint)  # Lightning would double the time of a short command
+    return lambda images: ("probability", network(images.float() / 255).softmax(1))
 
 
 def _batches(paths: list[Path]) -> Iterator[list[Path]]:

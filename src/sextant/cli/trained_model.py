@@ -1,11 +1,17 @@
 """Reading a trained model from its file, whoever wrote it."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from sextant.config import Config
 from sextant.errors import UserError
 
+if TYPE_CHECKING:
+    from torch import nn
+
 PUBLISHED = ".pth.tar"  # what the push-pull paper's authors call their files
+RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which are weights as well
 
 
 def read_trained(path: Path) -> dict[str, Any]:
@@ -19,6 +25,64 @@ def read_trained(path: Path) -> dict[str, Any]:
     from sextant.runs.checkpoint import load_checkpoint
 
     return load_checkpoint(path)
+
+
+def model_from_checkpoint(raw: Mapping[str, Any], config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
+    """The trained module of a checkpoint, built from ``raw``: its own config, perhaps with other test conditions.
+
+    Args:
+        raw, config: plain and typed.
+        content: of the checkpoint, by :func:`read_trained`.
+        checkpoint: its file, for messages.
+
+    Raises:
+        UserError: the weights do not fit, or are not finite.
+    """
+    from sextant.cli.families import family_of
+    from sextant.runs.checkpoint import KEY
+
+    module = family_of(config.task.name).module(raw, content[KEY]["spec"], training=False)
+    load_weights(module, content, checkpoint)
+    return module.eval()
+
+
+def classifier_from_checkpoint(raw: Mapping[str, Any], content: Mapping[str, Any], checkpoint: Path) -> "nn.Module":
+    """The network of a checkpoint of classification, which gives logits; Lightning is not imported.
+
+    Args and errors are those of :func:`model_from_checkpoint`.
+    """
+    from torch import nn
+
+    from sextant.cli.families.classification import ClassificationFamily
+    from sextant.runs.checkpoint import KEY
+
+    whole = nn.ModuleDict({"network": ClassificationFamily().network(raw, content[KEY]["spec"])})
+    load_weights(whole, content, checkpoint)
+    return whole["network"].eval()
+
+
+def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Path) -> None:
+    """Load what a checkpoint holds into a module, in place.
+
+    What a task has noted beside its weights, such as the score of what was never seen, may be infinite.
+
+    Raises:
+        UserError: the weights do not fit, or are not finite.
+    """
+    from sextant.torch_file import require_finite
+
+    state = content["state_dict"]
+    weights = {name for name, _ in module.named_parameters()}
+    weights |= {name for name, _ in module.named_buffers() if name.endswith(RUNNING)}
+    require_finite(state, checkpoint, weights)
+    try:
+        module.load_state_dict(state)
+    except RuntimeError as error:
+        lines = [line.strip() for line in str(error).splitlines()[1:4]]
+        raise UserError(
+            f"the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
+            "Choose the backbone and inhibition that the checkpoint was trained with.",
+        ) from None
 
 
 def published_content(path: Path) -> dict[str, Any]:

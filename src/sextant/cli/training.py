@@ -13,11 +13,12 @@ from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.families import Source, family_of
 from sextant.cli.progress import TrainingProgress
-from sextant.cli.trained_model import read_trained
+from sextant.cli.trained_model import load_weights, model_from_checkpoint, read_trained
 from sextant.config import Config
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
-from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, AtomicCheckpointIO, load_checkpoint
+from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
+from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.resolve import resolve_run
 from sextant.tasks.peak_memory import reset_peak_memory
@@ -50,7 +51,7 @@ def train_and_test(
     module = family.module(raw, spec, training=True)
     if config.init_from is not None:
         checkpoint = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").checkpoint
-        _load_weights(module, read_trained(checkpoint), checkpoint)
+        load_weights(module, read_trained(checkpoint), checkpoint)
     logger = RunLogger(directory, mirror)
     callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]
     if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
@@ -75,6 +76,7 @@ def test_checkpoint(
     raw: Mapping[str, Any],
     config: Config,
     source: Source,
+    content: Mapping[str, Any],
     checkpoint: Path,
     directory: RunDirectory,
     key: RunKey,
@@ -84,7 +86,7 @@ def test_checkpoint(
     reset_peak_memory()
     torch.set_num_threads(config.trainer.threads)
     require_device(config)
-    module = model_from_checkpoint(raw, config, checkpoint)
+    module = model_from_checkpoint(raw, config, content, checkpoint)
     data = family_of(config.task.name).data(raw, config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
     metrics = dict(trainer.test(module, data, verbose=False)[0])
@@ -97,14 +99,6 @@ def require_device(config: Config) -> None:
     """Raise a ``UserError`` if the config asks for a GPU that is not there."""
     if config.trainer.accelerator == "gpu" and not torch.cuda.is_available():
         raise UserError("trainer.accelerator=gpu: no CUDA device was found on this machine", "Use trainer=cpu")
-
-
-def model_from_checkpoint(raw: Mapping[str, Any], config: Config, checkpoint: Path) -> Any:
-    """The trained module in a checkpoint, built from ``raw``: its own config, perhaps with other test conditions."""
-    content = read_trained(checkpoint)
-    module = family_of(config.task.name).module(raw, content[KEY]["spec"], training=False)
-    _load_weights(module, content, checkpoint)
-    return module.eval()
 
 
 def _write_results(
@@ -184,17 +178,6 @@ def _with_record(
     parameters = sum(parameter.numel() for parameter in module.parameters())
     table = {"table": record.table} if record.table else {}
     return results | {"metrics": results["metrics"] | record.metrics, "parameters": parameters} | table | record.facts
-
-
-def _load_weights(module: pl.LightningModule, content: Mapping[str, Any], checkpoint: Path) -> None:
-    try:
-        module.load_state_dict(content["state_dict"])
-    except RuntimeError as error:
-        lines = [line.strip() for line in str(error).splitlines()[1:4]]
-        raise UserError(
-            f"the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
-            "Choose the backbone and inhibition that the checkpoint was trained with.",
-        ) from None
 
 
 class _EpochSeed(Callback):

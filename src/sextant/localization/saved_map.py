@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from sextant.array_folder import FolderFormat, file_sha256
-from sextant.atomic_files import write_atomically, write_json
+from sextant.atomic_files import write_atomically
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import MODELS, ObservationModel, observation_model
@@ -87,15 +87,13 @@ def write_header(
         OSError: an array is missing, or the folder cannot be written.
     """
     header = {
-        "format": KIND.format,
-        "version": KIND.version,
         "model": {"class": type(model).__name__, "arguments": model.arguments()},
         "kernel": asdict(kernel),
         "likelihood": asdict(likelihood),
         "facts": facts,
         "files": {name: _mark(array_path(folder, name)) for name in arrays},
     }
-    write_json(folder / HEADER, header)
+    KIND.write_header(folder, header)
 
 
 def load_map(folder: Path, *, verify: bool = True) -> SavedMap:

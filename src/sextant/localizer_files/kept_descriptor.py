@@ -103,7 +103,9 @@ def kept_network(checkpoint: Path, *, trust: bool = False) -> KeptDescriptor:
     content = load_checkpoint(checkpoint)
     trained = {key: content[KEY][key] for key in ("config", "spec", "task")}
     sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
-    return _network({"kind": "network", "checkpoint_sha256": sha256, **trained}, content["state_dict"], trust)
+    return _network(
+        {"kind": "network", "checkpoint_sha256": sha256, **trained}, content["state_dict"], checkpoint, trust
+    )
 
 
 def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
@@ -129,7 +131,7 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
         if facts["kind"] == "none":
             return KeptDescriptor(None, facts, arrays, whitener)
         if facts["kind"] == "network":
-            return replace(_network(facts, arrays, trust), whitener=whitener)
+            return replace(_network(facts, arrays, folder / ARRAYS, trust), whitener=whitener)
         descriptor = BASELINES[facts["class"]](**facts["arguments"])
         if isinstance(descriptor, WhitenedPCA):
             descriptor.pca_ = _pca(descriptor.dimensions, arrays)
@@ -138,10 +140,10 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
         raise _damaged(folder, f"{HEADER} and {ARRAYS} do not make a descriptor: {error}") from error
 
 
-def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], trust: bool) -> KeptDescriptor:
+def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, trust: bool) -> KeptDescriptor:
     from sextant.localizer_files.place_network import trained_place_network
 
-    network = trained_place_network(facts, weights, facts["checkpoint_sha256"], trust=trust)
+    network = trained_place_network(facts, weights, facts["checkpoint_sha256"], file, trust=trust)
     return KeptDescriptor(network, facts, dict(weights))
 
 

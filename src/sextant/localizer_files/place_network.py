@@ -1,6 +1,7 @@
 """The network that a map was described with, from what the map keeps of it."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from torch import Tensor
@@ -10,6 +11,7 @@ from sextant.config.trained import trained_config
 from sextant.data.places.decoded_images import ImageSize
 from sextant.errors import UserError
 from sextant.tasks.place_network import TrainedPlaceNetwork, place_network
+from sextant.torch_file import require_finite
 
 #: the network's part of the weights of a module of place recognition
 PREFIX = "network."
@@ -18,7 +20,7 @@ _OF_THE_RUN = {"reuse": "exact", "init_from": None, "sweep": None}
 
 
 def trained_place_network(
-    trained: Mapping[str, Any], weights: Mapping[str, Tensor], model: str, *, trust: bool = False
+    trained: Mapping[str, Any], weights: Mapping[str, Tensor], model: str, file: Path, *, trust: bool = False
 ) -> TrainedPlaceNetwork:
     """The network of a run of place recognition.
 
@@ -26,10 +28,12 @@ def trained_place_network(
         trained: ``task``, ``config`` and ``spec``, as its checkpoint tells them.
         weights: of its module, by name.
         model: what tells it from other networks.
+        file: that the weights come from, for messages.
         trust: build parts of the user's own that the config names.
 
     Raises:
-        UserError: of another task, with a wrong config or code of the user's own in it, or weights that do not fit.
+        UserError: of another task, with a wrong config or code of the user's own in it, or weights that do not fit
+            or are not finite.
     """
     if trained["task"] != "place_recognition":
         raise UserError(
@@ -46,6 +50,7 @@ def trained_place_network(
 
     network = place_network(raw, spec, build)
     own = {name.removeprefix(PREFIX): tensor for name, tensor in weights.items() if name.startswith(PREFIX)}
+    require_finite(own, file)
     try:
         network.load_state_dict(own)
     except RuntimeError as error:

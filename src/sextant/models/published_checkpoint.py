@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import Tensor, nn
 
 from sextant.errors import UserError
@@ -21,6 +20,7 @@ from sextant.layers import PushPullConv2d
 from sextant.models.densenet_cifar import DenseNetCifar
 from sextant.models.resnet_cifar import ResNetCifar
 from sextant.models.weights_file import why_unread
+from sextant.torch_file import load_verified, require_finite
 
 IMAGE_SIZE = (32, 32)
 FIX = "Give a checkpoint.pth.tar or model_best.pth.tar of https://github.com/nicstrisc/Push-Pull-CNN-layer."
@@ -53,7 +53,8 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> Pub
         scale, alpha: h and α of its push-pull layers, which the file does not have.
 
     Raises:
-        UserError: the file is missing, truncated, not one of theirs, or a network of another kind or depth.
+        UserError: the file is missing, truncated, not one of theirs, a network of another kind or depth, or its weights
+            are not finite.
     """
     content = _read(path)
     state = {name.removeprefix("module."): tensor for name, tensor in content["state_dict"].items()}
@@ -76,7 +77,9 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> Pub
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        content = load_verified(path)
+    except UserError:
+        raise
     except FileNotFoundError:
         raise UserError(f"there is no published network at {path}", FIX) from None
     except Exception as error:  # a damaged pickle can fail in any way
@@ -87,6 +90,7 @@ def _read(path: Path) -> dict[str, Any]:
     state = content["state_dict"]
     if not isinstance(state, Mapping) or not all(isinstance(value, Tensor) for value in state.values()):
         raise UserError(f"{path} is not a published network: its state_dict is not one", FIX)
+    require_finite(state, path)
     for key in ("epoch", "best_prec1"):
         value = content[key]
         if not isinstance(value, int | float) and not (isinstance(value, Tensor) and value.numel() == 1):

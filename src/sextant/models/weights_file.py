@@ -4,10 +4,10 @@ import pickle
 import re
 from pathlib import Path
 
-import torch
 from torch import nn
 
 from sextant.errors import UserError
+from sextant.torch_file import load_verified, require_finite
 
 
 def load_weights(network: nn.Module, path: Path, key: str = "backbone.weights") -> None:
@@ -19,7 +19,8 @@ def load_weights(network: nn.Module, path: Path, key: str = "backbone.weights") 
         key: of the config that names the file, for messages.
 
     Raises:
-        UserError: there is no such file, it holds anything but tensors, or they are those of another network.
+        UserError: there is no such file, it holds anything but tensors, it is damaged, or they are those of another
+            network or not finite.
     """
     try:
         if path.suffix == ".safetensors":
@@ -27,8 +28,9 @@ def load_weights(network: nn.Module, path: Path, key: str = "backbone.weights") 
 
             state = load_file(path)
         else:
-            state = torch.load(path, map_location="cpu", weights_only=True)
+            state = load_verified(path)
         network.load_state_dict(state)
+        require_finite(state, path)
     except Exception as error:
         raise UserError(
             f"{key}={path} cannot be loaded: {why_unread(error)}",

@@ -15,7 +15,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from sextant.array_folder import FolderFormat, file_sha256
-from sextant.atomic_files import write_atomically, write_json
+from sextant.atomic_files import write_atomically
 from sextant.retrieval.nearest import Neighbours, PreparedReferences, Similarity, prepare_references, search_prepared
 
 DESCRIPTORS, HEADER = "descriptors.npy", "index.json"
@@ -90,15 +90,13 @@ class FlatIndex:
         write_atomically(folder / DESCRIPTORS, lambda file: np.save(file, self.references.rows, allow_pickle=False))
         # written last: without it, and with one that tells of other descriptors, the folder is not taken for an index
         header = {
-            "format": KIND.format,
-            "version": KIND.version,
             "similarity": self.similarity,
             "count": len(self),
             "dimension": self.dimension,
             "sha256": file_sha256(folder / DESCRIPTORS),
             "names": None if self.names is None else list(self.names),
         }
-        write_json(folder / HEADER, header)
+        KIND.write_header(folder, header)
 
     @classmethod
     def load(cls, folder: Path) -> Self:

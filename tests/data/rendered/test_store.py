@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from rendered_toy import ToyPlan, chunks_rendered, contents
 
-from sextant.data.rendered import forget_chunks, load_store, modules_sha256, open_store
+from sextant.data.rendered import (
+    forget_chunks,
+    load_store,
+    modules_sha256,
+    open_store,
+    repair_store,
+    verify_store,
+)
+from sextant.data.rendered import store as store_module
 from sextant.data.rendered.layout import DamagedStoreError
 from sextant.errors import UserError
 
@@ -240,6 +248,36 @@ def test_an_altered_column_is_told(tmp_path):
     with pytest.raises(DamagedStoreError, match="does not match its hash") as caught:
         _ = store.columns
     assert f"sextant data verify {store.directory} repair=true" in caught.value.fix
+
+
+@pytest.mark.parametrize("array", ["image", "depth"])
+def test_an_altered_item_is_told_when_it_is_read_and_no_sooner(array, tmp_path):
+    store = open_store(ToyPlan(), tmp_path)
+    store.fill()
+    path = store.directory / f"{array}.npy"
+    with path.open("r+b") as file:
+        file.seek(-1, 2)
+        last = file.read(1)[0]
+        file.seek(-1, 2)
+        file.write(bytes([last ^ 1]))
+    opened = open_store(ToyPlan(), tmp_path)
+    assert len(opened.mapped(array, np.arange(20), threads=2)) == 22  # items 20 and 21 lie in the last chunk
+    for ask in (lambda: opened.read(array, 20), lambda: opened[21], lambda: opened.mapped(array, np.arange(22))):
+        with pytest.raises(DamagedStoreError, match="items 20 to 21 are not those that were rendered") as caught:
+            ask()
+        assert str(path) in caught.value.problem
+        assert f"sextant data verify {store.directory} repair=true" in caught.value.fix
+    repair_store(verify_store(store.directory))
+    assert np.array_equal(open_store(ToyPlan(), tmp_path).read("image", 21), image(21, ToyPlan()))
+
+
+def test_each_chunk_is_compared_with_its_hash_once(tmp_path, monkeypatch):
+    store, read = open_store(ToyPlan(), tmp_path), []
+    hashed = store_module.part_sha256
+    monkeypatch.setattr(store_module, "part_sha256", lambda *given: read.append(given) or hashed(*given))
+    for _ in range(3):
+        store.read("image", [0, 1, 9])
+    assert len(read) == 2
 
 
 def test_a_forgotten_chunk_is_rendered_anew(tmp_path):

@@ -7,7 +7,7 @@ from typing import Any
 
 from torch import nn
 
-from sextant.cli.trained_model import read_trained
+from sextant.cli.trained_model import model_from_checkpoint, read_trained
 from sextant.errors import UserError
 from sextant.models import FeatureMap
 from sextant.runs.checkpoint import KEY
@@ -47,17 +47,17 @@ def trained_features(reference: str, outputs: Path, layer: str | None, *, trust:
         UserError: there is no such run or layer (those there are, are listed), or its task has no such network.
     """
     from sextant.cli.evaluate import checkpoint_config
-    from sextant.cli.training import model_from_checkpoint
 
     found = resolve_run(reference, outputs)
-    trained = read_trained(found.checkpoint)[KEY]
+    content = read_trained(found.checkpoint)
+    trained = content[KEY]
     if trained["task"] not in TASKS:
         raise UserError(
             f"run={reference} is a model of {trained['task']}; features are taken from {' or '.join(TASKS)}",
             "Name such a run, or leave run= out: preset= needs none.",
         )
     raw, config = checkpoint_config(trained, ["trust=true"] if trust else [])
-    network = model_from_checkpoint(raw, config, found.checkpoint).network
+    network = model_from_checkpoint(raw, config, content, found.checkpoint).network
     spec = trained["spec"]
     before: nn.Module = nn.Identity()
     if trained["task"] == "place_recognition":

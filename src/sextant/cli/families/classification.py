@@ -12,6 +12,8 @@ from sextant.data.source import ImageSource, ImageSpec
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
+    from torch import nn
+
     from sextant.data.datamodule import ImageData
     from sextant.tasks.classification import Classification
 
@@ -75,6 +77,11 @@ class ClassificationFamily(Family):
         """The classification module."""
         from sextant.tasks.classification import Classification
 
+        network, suite = self.network(raw, spec), build_suite(raw)
+        return Classification(network, image_spec(spec), suite, **build_training(raw, training))
+
+    def network(self, raw: Mapping[str, Any], spec: Mapping[str, Any]) -> "nn.Module":
+        """The network alone, with its inhibition; Lightning is not imported."""
         images = image_spec(spec)
         network = build(
             raw,
@@ -83,12 +90,10 @@ class ClassificationFamily(Family):
             image_size=(images.height, images.width),
             num_classes=len(images.classes),
         )
-        suite = build_suite(raw)
         try:
-            network = build(raw, "inhibition")(network)
+            return build(raw, "inhibition")(network)  # type: ignore[no-any-return]
         except ValueError as error:
             raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
-        return Classification(network, images, suite, **build_training(raw, training))
 
     def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: ImageSource) -> None:
         """Raise a ``UserError`` unless the images have the shape and the number of classes of training."""

@@ -59,7 +59,7 @@ def features_of_run(
 ) -> "FeatureMap":
     """The feature map of another run's network; its weights are read when training begins, and then kept with ours."""
     from sextant.cli.families import family_of
-    from sextant.cli.trained_model import read_trained
+    from sextant.cli.trained_model import load_weights, read_trained
     from sextant.models import FeatureMap
 
     if kept["task"] not in ("classification", "place_recognition"):
@@ -76,7 +76,7 @@ def features_of_run(
     module = family_of(kept["task"]).module(kept["config"], kept["spec"], training=False)
     if training:
         checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"]), "features.run").checkpoint
-        module.load_state_dict(read_trained(checkpoint)["state_dict"])
+        load_weights(module, read_trained(checkpoint), checkpoint)
     layer = raw["features"]["layer"]
     if kept["task"] == "place_recognition":
         if layer is not None:  # one feature map within another would never see a layer of the inner one

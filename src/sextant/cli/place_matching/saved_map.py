@@ -1,13 +1,13 @@
 """Descriptors of a folder of photos, kept so that they can be searched again without the photos.
 
 A folder holds a :class:`~sextant.retrieval.FlatIndex` (``descriptors.npy``, ``index.json``), and ``map.json``, which
-tells of which network and photos it is. The latter is written last and names the hash of ``index.json``.
+tells of which network and photos it is. The latter is written last, and has the hash of ``index.json`` and of itself.
 """
 
 from pathlib import Path
 from typing import Any
 
-from sextant.atomic_files import read_json, write_json
+from sextant.atomic_files import read_json, seal_holds, write_sealed_json
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.place_matching.describing import DescribedPhotos
 from sextant.cli.place_matching.inputs import HEADER, PhotoFolder
@@ -39,7 +39,7 @@ def save_map(described: DescribedPhotos, model: str, folder: Path) -> None:
             "stretched": list(described.stretched),
             "index_sha256": file_sha256(folder / flat_index.HEADER),
         }
-        write_json(folder / HEADER, header)
+        write_sealed_json(folder / HEADER, header)
 
 
 def load_map(folder: Path, model: str) -> DescribedPhotos:
@@ -55,6 +55,8 @@ def load_map(folder: Path, model: str) -> DescribedPhotos:
     header = read_json(folder / HEADER)
     if not isinstance(header, dict) or header.get("format") != FORMAT or header.get("version") != VERSION:
         raise _unusable(folder, f"{HEADER} is not the header of descriptors of version {VERSION}")
+    if not seal_holds(header):
+        raise _unusable(folder, f"{HEADER} was altered: it does not match its own hash")
     if not _well_formed(header):
         raise _unusable(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
     if header["model"] != model:

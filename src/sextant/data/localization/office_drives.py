@@ -13,7 +13,6 @@ from sextant.data.localization.near_map import longest_along_map
 from sextant.data.localization.simulated_odometry import simulated_motion
 from sextant.data.places import ImageRows
 from sextant.data.rendered import RenderedSource, open_store
-from sextant.data.rendered.layout import StoreLayout
 from sextant.data.rendered.splits import RenderedSplit
 from sextant.worlds.odometry import COLD_WHEELS
 
@@ -49,7 +48,7 @@ class OfficeDrives(RenderedSource):
         driven = self.read_split("run", "dataset.metres=[160,80,80]")
         plan = self.dataset.plan()
         store = open_store(plan, self.dataset.cache)
-        laser = np.load(StoreLayout(store.directory).array("laser"), mmap_mode="r", allow_pickle=False)
+        laser = store.mapped("laser", np.arange(len(store)), self.threads)
         conditions = list(driven.facts["conditions"])
         measured: list[bool] = driven.facts["measured_odometry"]
         drives: list[list[Drive]] = [[] for _ in measured]

@@ -1,5 +1,6 @@
 """Where the files of a store lie, and the array files themselves."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
@@ -12,6 +13,8 @@ from numpy.lib import format as npy
 from sextant.atomic_files import write_atomically
 from sextant.data.rendered.plan import ArraySpec
 from sextant.errors import UserError
+
+BLOCK = 1 << 20
 
 
 class DamagedStoreError(UserError):
@@ -102,6 +105,21 @@ def check_array(path: Path, spec: ArraySpec, count: int) -> int:
     if found != expected:
         raise DamagedStoreError.at(path, f"{found:,} bytes long, should be {expected:,}")
     return offset
+
+
+def part_sha256(path: Path, start: int, length: int) -> str:
+    """SHA-256 of a part of a file, read in blocks; what lies beyond its end is left out.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    part = hashlib.sha256()
+    with path.open("rb") as file:
+        file.seek(start)
+        while length > 0 and (block := file.read(min(BLOCK, length))):
+            part.update(block)
+            length -= len(block)
+    return part.hexdigest()
 
 
 def sound_items(path: Path, spec: ArraySpec, count: int) -> int:

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
-from sextant.data.rendered.layout import StoreLayout
 from sextant.data.rendered.plan import RenderPlan
 from sextant.data.rendered.progress import Showing, telling_every
 from sextant.data.rendered.store import open_store
@@ -95,6 +94,6 @@ class RenderedSource:
         rows = np.flatnonzero(store.columns["split"] == plan.splits.index(split))
         if not len(rows):
             raise UserError(f"dataset={self.name} has no {split} images", fix)
-        images = np.load(StoreLayout(store.directory).array("images"), mmap_mode="r", allow_pickle=False)
+        images = store.mapped("images", rows, self.threads)
         columns = {name: column[rows] for name, column in store.columns.items()}
         return RenderedSplit(images, rows, columns, store.facts)

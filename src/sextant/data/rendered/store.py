@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +16,7 @@ from sextant.data.rendered.creation import create_store
 from sextant.data.rendered.disk import DiskFullError, allocated_bytes, free_bytes, telling_disk_errors
 from sextant.data.rendered.indices import Indices, chosen_items
 from sextant.data.rendered.journal import Journal
-from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_array
+from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_array, part_sha256
 from sextant.data.rendered.lock import Tell, store_lock, tell_stderr
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import RenderPlan
@@ -79,6 +80,7 @@ class RenderedStore:
         }
         self._journal = Journal(self._layout.journal, self.manifest.grid)
         self._maps: dict[str, ndarray] = {}
+        self._sound = {name: np.zeros(self.manifest.grid.chunks, bool) for name in self.manifest.arrays}
         self._rendering = Lock()
         self._refresh()
 
@@ -163,11 +165,50 @@ class RenderedStore:
         if array not in self.manifest.arrays:
             names = ", ".join([*self.manifest.arrays, *self.manifest.columns])
             raise KeyError(f"{self.manifest.name} has no array {array!r}; arrays are {names}")
-        self._ensure(np.unique(chosen // self.manifest.chunk))
-        return np.asarray(np.take(self._map(array), chosen, axis=0))
+        return np.asarray(np.take(self.mapped(array, chosen), chosen, axis=0))
+
+    def mapped(self, array: str, rows: ndarray, threads: int = 1) -> ndarray:
+        """The whole of one array, in a map of its file of which ``rows`` are rendered and sound.
+
+        Each chunk is compared with its hash when it is first asked for: what was read once is not read again.
+
+        Args:
+            array: its name.
+            rows: items that will be looked at; what the map holds of others is not known.
+            threads: that read.
+
+        Raises:
+            DamagedStoreError: a chunk is not what was rendered.
+            UserError: as for :meth:`read`.
+        """
+        chunks = np.unique(np.asarray(rows) // self.manifest.chunk)
+        self._ensure(chunks)
+        self._compare(array, chunks[~self._sound[array][chunks]].tolist(), threads)
+        return self._map(array)
 
     def __getitem__(self, index: int) -> dict[str, ndarray]:
         return {name: self.read(name, index) for name in (*self.manifest.arrays, *self.manifest.columns)}
+
+    def _compare(self, array: str, chunks: Sequence[int], threads: int) -> None:
+        """Raise a ``DamagedStoreError`` unless the chunks of an array are what the journal says."""
+        if not chunks:
+            return
+        path, records = self._layout.array(array), self._journal.records()
+        size, offset = self.manifest.arrays[array].item_bytes, self._offsets[array]
+
+        def compare(chunk: int) -> None:
+            start, stop = self.manifest.grid.span(chunk)
+            try:
+                found = part_sha256(path, offset + start * size, (stop - start) * size)
+            except OSError as error:
+                raise DamagedStoreError.at(path, error.strerror or str(error)) from None
+            if chunk not in records or found != records[chunk].sha256.get(array):
+                raise DamagedStoreError.at(path, f"items {start} to {stop - 1} are not those that were rendered")
+            self._sound[array][chunk] = True
+
+        with ThreadPoolExecutor(threads) as pool:  # hashing is done outside of the interpreter's lock
+            for _ in pool.map(compare, chunks):
+                pass
 
     def _ensure(self, chunks: ndarray) -> None:
         if self._rendered[chunks].all():

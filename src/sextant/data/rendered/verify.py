@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.data.rendered.journal import ChunkRecord, Journal
-from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, array_offset, check_array
+from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, array_offset, check_array, part_sha256
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.errors import UserError
-
-BLOCK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ def _damage(layout: StoreLayout, manifest: Manifest, record: ChunkRecord) -> Ite
         with suppress(OSError, DamagedStoreError):
             path = layout.array(name)
             start = array_offset(path, spec, manifest.count) + record.start * spec.item_bytes
-            found = _part_sha256(path, start, (record.stop - record.start) * spec.item_bytes)
+            found = part_sha256(path, start, (record.stop - record.start) * spec.item_bytes)
         if found is None or found != record.sha256.get(name):
             yield ChunkDamage(name, record.chunk, record.start, record.stop)
 
@@ -137,14 +135,3 @@ def _damaged_files(layout: StoreLayout, manifest: Manifest) -> Iterator[FileDama
 
 def _file_damage(path: Path, error: DamagedStoreError) -> FileDamage:
     return FileDamage(path, error.problem.removeprefix(f"{path}: "))
-
-
-def _part_sha256(path: Path, start: int, length: int) -> str:
-    """SHA-256 of a part of a file, read in blocks; what lies beyond its end is left out."""
-    part = hashlib.sha256()
-    with path.open("rb") as file:
-        file.seek(start)
-        while length > 0 and (block := file.read(min(BLOCK, length))):
-            part.update(block)
-            length -= len(block)
-    return part.hexdigest()

@@ -1,9 +1,11 @@
-"""Filters in one safetensors file: arrays of their parts, and all options as JSON in its header.
+"""Filters in one safetensors file: arrays of their parts, and all options as JSON in its header, with a hash of both.
 
 Nothing is unpickled, and nothing but the classes named here is built. Weights of a network are not in the file.
 """
 
+import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from sextant.layers.cosfire.cosfire import Cosfire
 
 KEY, VERSION = "sextant.cosfire", 2
+DIGEST = "sextant.sha256"
 BANKS = {bank.__name__: bank for bank in (GaborBank, DoGBank)}
 STRATEGIES = {strategy.__name__: strategy for strategy in (ChannelPeaks, ConcentricCircles, VectorKeypoints)}
 
@@ -51,7 +54,8 @@ def save_filters(filters: "Cosfire", path: Path) -> None:
         "numbers": filters.options(),
     }
     arrays = {name: getattr(filters, name).detach().cpu().contiguous() for name in ARRAYS}
-    packed = save(arrays, {KEY: json.dumps(header)})
+    told = json.dumps(header)
+    packed = save(arrays, {KEY: told, DIGEST: _sha256(told, arrays)})
     write_atomically(Path(path), lambda file: file.write(packed))
 
 
@@ -63,15 +67,19 @@ def load_filters(path: Path, bank: Bank | None) -> "Cosfire":
         with safe_open(path, "pt") as file:
             if KEY not in (file.metadata() or {}):
                 raise ValueError("it is a safetensors file of something else")
-            header = json.loads(file.metadata()[KEY])
+            told, digest = file.metadata()[KEY], file.metadata().get(DIGEST)
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dict
+        if digest not in (None, _sha256(told, arrays)):  # files from before have none
+            raise ValueError("it is damaged: its contents do not match the digest that was written with them")
+        header = json.loads(told)
         return _built(header, arrays, bank, path)
     except FileNotFoundError:
         raise UserError(f"there is no file {path}", "Give one that Cosfire.save wrote.") from None
     except (OSError, SafetensorError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         problem = (str(error) or type(error).__name__).splitlines()[0]
         raise UserError(
-            f"{path} cannot be read as COSFIRE filters: {problem}", "Give a file that Cosfire.save wrote."
+            f"{path} cannot be read as COSFIRE filters: {problem}",
+            "Give a file that Cosfire.save wrote; configure the filters anew, or copy the file again.",
         ) from error
 
 
@@ -107,6 +115,14 @@ def _built(header: dict[str, Any], arrays: dict[str, Tensor], bank: Bank | None,
     if unexpected or any("." not in key for key in missing):  # those of a network within the bank are not in the file
         raise ValueError(f"arrays are missing or too many: {[*missing, *unexpected]}")
     return filters
+
+
+def _sha256(told: str, arrays: Mapping[str, Tensor]) -> str:
+    """Of the options and of every array, whatever their order in the file."""
+    digest = hashlib.sha256(told.encode())
+    for name, array in sorted(arrays.items()):
+        digest.update(f"\0{name} {array.dtype} {tuple(array.shape)}\0".encode() + array.numpy().tobytes())
+    return digest.hexdigest()
 
 
 def _tuples(options: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,151 @@
+"""Files of ``torch.save``: ours carry their own digest, and of all others as much is checked as they allow.
+
+A file that is sealed ends in a zip comment, ``sextant sha256`` and the hash of every byte before it. Contents and
+digest are one file, which is renamed into place at once: no kill comes between them, and a copy takes both. Any program
+that reads files of ``torch.save`` reads it. A zip without the comment (from before, or of others) has the CRC of each
+part, which torch itself does not look at; a legacy pickle has nothing.
+"""
+
+import hashlib
+import zipfile
+import zlib
+from collections.abc import Container, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import torch
+from torch import Tensor
+
+from sextant.errors import UserError
+
+SEAL = b"sextant sha256 "
+DIGITS = 64
+BLOCK = 1 << 20
+#: the record that ends a zip: its signature, and its length with an empty comment, whose length is told last
+END, END_BYTES = b"PK\x05\x06", 22
+FIX = "Copy it again from where it came from; a checkpoint of a run without a copy is made anew by training again."
+
+
+def save_sealed(value: Any, file: BinaryIO) -> None:
+    """Write what ``torch.save`` does, and the digest of it.
+
+    Args:
+        value: tensors and plain containers.
+        file: open for writing, and empty.
+
+    Raises:
+        OSError, RuntimeError: the disk is full; torch wraps the former in the latter.
+    """
+    sealing = _Sealing(file)
+    torch.save(value, sealing)  # type: ignore[arg-type]  # it asks for write and flush alone
+    sealing.finish()
+
+
+def load_verified(path: Path) -> Any:
+    """What a file of ``torch.save`` holds, on the CPU, once nothing in it is known to be damaged.
+
+    Nothing in it is executed: anything but tensors and plain containers is refused by torch.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        UserError: its contents do not match its digest, or a part not its CRC.
+        Exception: of any kind, from a file that torch cannot read.
+    """
+    with path.open("rb") as file:  # opened once: what is verified is what is read, also if another takes its place
+        _verify(path, file)
+        file.seek(0)
+        return torch.load(file, map_location="cpu", weights_only=True)
+
+
+def require_finite(tensors: Mapping[str, Any], path: Path, known: Container[str] | None = None) -> None:
+    """Whether weights are numbers.
+
+    Args:
+        tensors: by name; what is no tensor of floating point is passed over.
+        path: of the file that they come from.
+        known: names of those that are looked at; None for all.
+
+    Raises:
+        UserError: one holds nan or infinity.
+    """
+    looked_at = [name for name in tensors if known is None or name in known]
+    bad = [name for name in looked_at if isinstance(tensors[name], Tensor) and not _is_finite(tensors[name])]
+    if bad:
+        raise UserError(
+            f"{path} holds weights that are not finite: {len(bad)} of {len(looked_at)} arrays, the first is {bad[0]}",
+            "Its training diverged, or its file was damaged before it came here. Take another checkpoint.",
+        )
+
+
+def _is_finite(tensor: Tensor) -> bool:
+    return not (tensor.is_floating_point() or tensor.is_complex()) or bool(tensor.isfinite().all())
+
+
+def _verify(path: Path, file: BinaryIO) -> None:
+    size = file.seek(0, 2)
+    file.seek(max(0, size - len(SEAL) - DIGITS))
+    end = file.read()
+    if end.startswith(SEAL):
+        if _sha256(file, size - len(end)) != end.removeprefix(SEAL):
+            raise UserError(f"{path} is damaged: its contents do not match the digest that was written with them", FIX)
+        return
+    file.seek(0)
+    if file.read(4) != b"PK\x03\x04" and not zipfile.is_zipfile(file):
+        return  # a legacy pickle, or no file of torch.save at all, as it will tell
+    if end[-END_BYTES:][:4] != END or end[-2:] != b"\0\0":  # so that a damaged seal is not taken for none
+        raise UserError(f"{path} is damaged: it does not end as a file of torch.save does", FIX)
+    if (bad := _bad_part(file)) is not None:
+        raise UserError(f"{path} is damaged: {bad}", FIX)
+
+
+def _sha256(file: BinaryIO, length: int) -> bytes:
+    """Of the first bytes of a file, in hexadecimal."""
+    digest = hashlib.sha256()
+    file.seek(0)
+    while length > 0 and (block := file.read(min(BLOCK, length))):
+        digest.update(block)
+        length -= len(block)
+    return digest.hexdigest().encode()
+
+
+def _bad_part(file: BinaryIO) -> str | None:
+    """What is wrong with a zip, None if nothing is."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            bad = archive.testzip()
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, NotImplementedError) as error:
+        return str(error).splitlines()[0] if str(error) else type(error).__name__
+    return None if bad is None else f"{bad} does not match its CRC"
+
+
+class _Sealing:
+    """Hashes what is written, and holds back the record that ends the zip."""
+
+    def __init__(self, file: BinaryIO):
+        self._file, self._digest, self._held = file, hashlib.sha256(), b""
+
+    def write(self, data: Any) -> int:
+        """Write all but the last bytes."""
+        view = memoryview(data).cast("B")
+        if len(view) < END_BYTES:
+            view = memoryview(self._held + bytes(view))
+        else:
+            self._emit(self._held)
+        cut = max(0, len(view) - END_BYTES)
+        self._emit(view[:cut])
+        self._held = bytes(view[cut:])
+        return len(data)
+
+    def flush(self) -> None:
+        """Nothing: the end is not written yet."""
+
+    def finish(self) -> None:
+        """Tell of the comment in the last record, and write it."""
+        assert self._held[:4] == END
+        assert self._held[-2:] == b"\0\0"
+        self._emit(self._held[:-2] + (len(SEAL) + DIGITS).to_bytes(2, "little"))
+        self._file.write(SEAL + self._digest.hexdigest().encode())
+
+    def _emit(self, data: bytes | memoryview) -> None:
+        self._digest.update(data)
+        self._file.write(data)
