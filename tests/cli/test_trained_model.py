@@ -9,7 +9,11 @@ import torch
 from PIL import Image
 from support import as_published
 
+from sextant.atomic_files import write_json
+from sextant.cli import evaluate
 from sextant.cli.evaluate import checkpoint_config
+from sextant.cli.published_figures import same_images
+from sextant.cli.show import show_result, show_start
 from sextant.cli.trained_model import model_from_checkpoint, read_trained
 from sextant.corruptions import BenchmarkSuite
 from sextant.data.cifar10 import CIFAR10
@@ -17,6 +21,7 @@ from sextant.errors import UserError
 from sextant.evaluation.published_results import read_corruption_details
 from sextant.models import DenseNetCifar, ResNetCifar, load_published
 from sextant.runs.checkpoint import KEY
+from sextant.runs.directory import RunDirectory
 
 
 def a_resnet(depth=20):
@@ -49,6 +54,63 @@ def test_inhibition_elsewhere_is_refused(tmp_path):
     path = as_published(a_resnet(), tmp_path / "checkpoint.pth.tar", push_pull=("conv1", "layer1.0.conv1"))
     with pytest.raises(UserError, match=r"push-pull layers at conv1, layer1\.0\.conv1"):
         read_trained(path)
+
+
+def shown(capsys, published, accuracy, tmp_path, **changes):
+    """What is printed before and after the test of a network that was not trained here."""
+    raw, config = checkpoint_config(published[KEY], [f"paths.outputs={tmp_path}"])
+    directory = RunDirectory(tmp_path)
+    show_start(raw, config, directory, (), published[KEY]["published"])
+    told = published[KEY]["published"] | {"same_images": same_images(raw, config)} | changes
+    results = {"metrics": {"test/accuracy/clean": accuracy}, "outcome": "finished", "parameters": 3}
+    write_json(directory.metrics, results | {"published": told, "timing": {"fit_s": 0.0, "test_s": 1.0}})
+    show_result(directory, task="classification", reused=False)
+    return " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("name", "accuracy", "changes", "says"),
+    [
+        ("model_best.pth.tar", 0.9171, {}, "accuracy equals best_prec1 of model_best.pth.tar, 91.71 %"),
+        (
+            "model_best.pth.tar",
+            0.9170,
+            {},
+            "0.01 points below best_prec1 of model_best.pth.tar, 91.71 %: it is NOT",
+        ),
+        ("checkpoint.pth.tar", 0.9171, {}, "equals best_prec1 of checkpoint.pth.tar, 91.71 %"),
+        (
+            "checkpoint.pth.tar",
+            0.9162,
+            {},
+            "0.09 points below best_prec1 of checkpoint.pth.tar, 91.71 %, which is",
+        ),
+        (
+            "checkpoint.pth.tar",
+            0.9200,
+            {},
+            "0.29 points above best_prec1 of checkpoint.pth.tar, 91.71 %: it is NOT",
+        ),
+        ("model_best.pth.tar", 0.9171, {"same_images": False}, "not compared with best_prec1 of model_best.pth.tar"),
+    ],
+)
+def test_what_the_file_of_a_published_network_says_is_told(tmp_path, capsys, name, accuracy, changes, says):
+    path = as_published(a_densenet(), tmp_path / name, best_prec1=torch.tensor(91.71), epoch=161)
+    told = shown(capsys, read_trained(path), accuracy, tmp_path, **changes)
+    assert f"{name} says: saved after epoch 161, best_prec1 91.71 %" in told
+    assert says in told
+    for of_a_run_that_never_was in ("epochs of batches", "SGD", "trained in"):
+        assert of_a_run_that_never_was not in told
+
+
+@pytest.mark.real_data
+@pytest.mark.slow
+def test_the_recorded_accuracy_of_a_published_network_is_found_again(real_data, tmp_path, capsys):
+    path = real_data / "pushpull_cifar" / "models" / "resnet-cifar" / "resnet-20-pp" / "model_best.pth.tar"
+    evaluate.main([f"run={path}", "corruption=none", "tracking=none", f"paths.outputs={tmp_path}"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert "saved after epoch 161, best_prec1 91.71 %" in told
+    assert "accuracy equals best_prec1 of model_best.pth.tar, 91.71 %" in told
 
 
 PROBE = """

@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> None:
         open_mirror()
         return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key)
 
-    outcome = run_once(key, raw, config, work)
+    outcome = run_once(key, raw, config, work, published=content[KEY].get("published"))
     show_result(RunDirectory(outcome.directory), task=config.task.name, reused=outcome.reused)
 
 

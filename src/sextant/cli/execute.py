@@ -107,10 +107,19 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
     return run_once(key, raw, config, work, wait=wait)
 
 
-def run_once(key: RunKey, raw: Mapping[str, Any], config: Config, work: Work, *, wait: bool = False) -> Outcome:
+def run_once(
+    key: RunKey,
+    raw: Mapping[str, Any],
+    config: Config,
+    work: Work,
+    *,
+    wait: bool = False,
+    published: Mapping[str, Any] | None = None,
+) -> Outcome:
     """Return the finished run ``key`` if there is one, else do its ``work`` in its directory, under its lock.
 
     ``work`` gets the directory and a function that opens the MLflow run, and returns what it wrote to ``metrics.json``.
+    ``published`` is what the file of a network that was not trained here says of its training.
     """
     outputs = Path(config.paths.outputs)
     with run_lock(outputs / "runs" / key.task, key.name, wait):
@@ -119,7 +128,7 @@ def run_once(key: RunKey, raw: Mapping[str, Any], config: Config, work: Work, *,
         if found.finished and results is not None:
             message = str(results.get("message", ""))
             return Outcome(results["outcome"], found.directory.path, reused=True, message=message)
-        return _Run(found, key, raw, config).run(work)
+        return _Run(found, key, raw, config).run(work, published)
 
 
 class _Run:
@@ -131,11 +140,11 @@ class _Run:
         self.key, self.raw, self.config = key, raw, config
         self.mirror: MirroredRun | None = None
 
-    def run(self, work: Work) -> Outcome:
+    def run(self, work: Work, published: Mapping[str, Any] | None = None) -> Outcome:
         from sextant.cli.show import show_start
 
         self._begin()
-        show_start(self.raw, self.config, self.directory, self.passed_over)
+        show_start(self.raw, self.config, self.directory, self.passed_over, published)
         with self._recorded():
             results = work(self.directory, self._open_mirror)
         return Outcome(results["outcome"], self.directory.path)

@@ -10,11 +10,18 @@ from rich.table import Table
 from sextant.cli.assemble import part_name
 from sextant.cli.console import console, key_value_table, rows_table
 from sextant.cli.families import family_of
+from sextant.cli.published_figures import comparison, says
 from sextant.config import Config
 from sextant.runs.directory import RunDirectory
 
 
-def show_start(raw: Mapping[str, Any], config: Config, directory: RunDirectory, passed_over: tuple[str, ...]) -> None:
+def show_start(
+    raw: Mapping[str, Any],
+    config: Config,
+    directory: RunDirectory,
+    passed_over: tuple[str, ...],
+    published: Mapping[str, Any] | None = None,
+) -> None:
     """Summary of the config, where the run lies, and why an earlier run was not taken."""
     if not config.trainer.progress:
         return
@@ -26,12 +33,18 @@ def show_start(raw: Mapping[str, Any], config: Config, directory: RunDirectory, 
         "task": config.task.name,
         "dataset": part_name(raw["dataset"]),
         **family_of(config.task.name).summary(raw, config),
-        "optimizer": f"{part_name(raw['optimizer'])}, {part_name(raw['schedule'])}",
-        "training": f"{config.trainer.max_epochs} epochs of batches of {config.trainer.batch_size}, "
-        f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
+        **({"weights": says(published)} if published is not None else _training(raw, config)),
         "run": _shorter(directory.path),
     }
     console.print(key_value_table("Sextant", rows))
+
+
+def _training(raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+    return {
+        "optimizer": f"{part_name(raw['optimizer'])}, {part_name(raw['schedule'])}",
+        "training": f"{config.trainer.max_epochs} epochs of batches of {config.trainer.batch_size}, "
+        f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
+    }
 
 
 def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
@@ -55,6 +68,8 @@ def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
         console.print(rows_table("On the test split", results["table"]))
     if results["outcome"] == "diverged":
         console.print("[yellow]This run did not learn: on the validation split it is near chance.[/]")
+    if results.get("published"):
+        console.print(f"accuracy   {escape(comparison(results['published'], results['metrics']))}")
     run, timing = _shorter(directory.path), results["timing"]
     trained = f"trained in {timing['fit_s']:.1f} s, " if timing["fit_s"] else ""
     console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")

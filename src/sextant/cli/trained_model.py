@@ -88,6 +88,8 @@ def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Pa
 def published_content(path: Path) -> dict[str, Any]:
     """A published network in the form of a checkpoint: the config that builds it, the shape of its images, weights.
 
+    What the config says of training is nobody's: ``published`` has what the file says.
+
     Raises:
         UserError: the file is not one of the authors', or its inhibition is not in the first convolution.
     """
@@ -114,6 +116,7 @@ def published_content(path: Path) -> dict[str, Any]:
             "config": to_plain(compose(choices)),
             "spec": {"channels": 3, "height": 32, "width": 32, "classes": list(CLASSES)},
             "task": "classification",
+            "published": {"file": path.name, "epoch": found.epoch, "best_accuracy": found.best_accuracy},
         },
         "state_dict": {f"network.{name}": tensor for name, tensor in found.network.state_dict().items()},
     }

@@ -13,6 +13,7 @@ from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.families import Source, family_of
 from sextant.cli.progress import TrainingProgress
+from sextant.cli.published_figures import same_images
 from sextant.cli.trained_model import load_weights, model_from_checkpoint, read_trained
 from sextant.config import Config
 from sextant.errors import UserError
@@ -90,7 +91,9 @@ def test_checkpoint(
     data = family_of(config.task.name).data(raw, config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
     metrics = dict(trainer.test(module, data, verbose=False)[0])
-    results = {"outcome": "finished", "metrics": metrics}
+    results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
+    if (published := content[KEY].get("published")) is not None:
+        results["published"] = {**published, "same_images": same_images(raw, config)}
     results = _with_record(results, module, data, config, directory)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 

@@ -1,0 +1,49 @@
+"""What the file of a published network says of its training, and whether its accuracy is found again here."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sextant.config import Config
+
+#: the authors' name of the file of the best epoch; of any other the accuracy told may be another epoch's
+BEST = "model_best"
+CIFAR10 = "sextant.data.cifar10.CIFAR10"
+CLEAN = "test/accuracy/clean"
+IMAGES = 10_000
+
+
+def says(published: Mapping[str, Any]) -> str:
+    """What is printed before the test.
+
+    Args:
+        published: ``file``, ``epoch`` and ``best_accuracy``, as the network's file tells them.
+    """
+    return (
+        f"published, not trained here; {published['file']} says: saved after epoch {published['epoch']}, "
+        f"best_prec1 {100 * published['best_accuracy']:.2f} %"
+    )
+
+
+def same_images(raw: Mapping[str, Any], config: Config) -> bool:
+    """Whether a test is on the images that the authors tell accuracies of, the 10,000 of CIFAR-10."""
+    return raw["dataset"].get("_target_") == CIFAR10 and getattr(config.task, "test_every", 0) == 1
+
+
+def comparison(published: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
+    """What is printed after the test: whether the accuracy on clean images is the one of the file.
+
+    Args:
+        published: as for :func:`says`, and ``same_images``.
+        metrics: of the test.
+    """
+    told, found = published["best_accuracy"], metrics.get(CLEAN)
+    told_text = f"best_prec1 of {published['file']}, {100 * told:.2f} %"
+    if not published["same_images"] or found is None:
+        return f"not compared with {told_text}: that is of the 10,000 test images of CIFAR-10"
+    images = round((found - told) * IMAGES)
+    if images == 0:
+        return f"equals {told_text}"
+    off = f"{100 * abs(found - told):.2f} points {'above' if images > 0 else 'below'} {told_text}"
+    if images < 0 and not published["file"].startswith(BEST):
+        return f"{off}, which is of the best epoch up to {published['epoch']}: this file need not be that epoch's"
+    return f"{off}: it is NOT found again"
