@@ -6,6 +6,7 @@ from contextlib import suppress
 
 import pytest
 import torch
+from fuzzing import fuzz
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -81,7 +82,7 @@ def damaged(whole, flips):
     return bytes(found)
 
 
-@settings(max_examples=300)
+@fuzz
 @given(flips=DAMAGE)
 def test_no_flipped_byte_of_a_sealed_file_goes_unseen(path, flips):
     whole = sealed()
@@ -92,7 +93,7 @@ def test_no_flipped_byte_of_a_sealed_file_goes_unseen(path, flips):
         load_checkpoint(path)
 
 
-@settings(max_examples=300)
+@fuzz
 @given(flips=DAMAGE)
 def test_a_file_from_before_with_flipped_bytes_is_refused_or_holds_what_it_held(path, flips):
     path.write_bytes(damaged(of_before(), flips))
