@@ -1,9 +1,46 @@
 import pickle
 
+import pytest
+
+from sextant.cli.assemble import build, naming_groups
 from sextant.data.source import MissingDataError
+from sextant.errors import ArgumentError, UserError
+from sextant.localization.descriptor_map import DescriptorMap
+from sextant.localization.observation import LocalGP
+from sextant.localization.pose_kernel import PoseKernel
 
 
 def test_a_mistake_survives_the_way_back_from_a_worker_process():
     error = pickle.loads(pickle.dumps(MissingDataError("no such folder", "make one")))
     assert isinstance(error, MissingDataError)
     assert (error.problem, error.fix, str(error)) == ("no such folder", "make one", "no such folder\nmake one")
+
+
+def test_a_wrong_argument_survives_it_too_and_keeps_its_part():
+    error = pickle.loads(pickle.dumps(ArgumentError("top=0 must be at least 1", "top=1", of="TopKInjection")))
+    assert (error.problem, error.fix, error.of) == ("top=0 must be at least 1", "top=1", "TopKInjection")
+
+
+def test_arguments_become_keys_of_their_group_and_nothing_else_does():
+    error = ArgumentError("top=0 must be at least 1 (stop=0, a.top=3)", "For example top=10").within(
+        "recovery", ["top"]
+    )
+    assert type(error) is UserError
+    assert error.problem == "recovery.top=0 must be at least 1 (stop=0, a.top=3)"
+    assert error.fix == "Say recovery.top=10"
+
+
+def test_what_is_built_of_a_config_is_refused_in_its_terms():
+    raw = {"loss": {"_target_": "sextant.losses.ContrastiveLoss", "margin": -1.0}}
+    with pytest.raises(UserError, match=r"^loss\.margin=-1\.0 must be above 0\nFor example loss\.margin=0\.5$"):
+        build(raw, "loss")
+
+
+def test_a_model_that_does_not_fit_its_map_is_refused_in_its_terms():
+    import torch
+
+    poses = torch.tensor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], dtype=torch.float64)
+    small = DescriptorMap.of(poses, torch.eye(2))
+    raw = {"seed": 0, "observation": {"_target_": "sextant.localization.observation.LocalGP", "neighbours": 3}}
+    with pytest.raises(UserError, match=r"^observation\.neighbours=3 must be in \[1, 2\]"), naming_groups(raw):
+        LocalGP(3).fit(small, PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.1))

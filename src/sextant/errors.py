@@ -1,4 +1,9 @@
-"""Exceptions that are told to the user in one message."""
+"""Exceptions that the user sees as one message."""
+
+import re
+from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Any
 
 
 class UserError(Exception):
@@ -16,6 +21,39 @@ class UserError(Exception):
 
     def __reduce__(self) -> tuple[type["UserError"], tuple[str, str | None]]:
         return type(self), (self.problem, self.fix)
+
+
+class ArgumentError(UserError):
+    """A wrong argument of a part of the functional core, which names arguments as Python does: ``margin=0``.
+
+    Whoever built the part from a config knows which group it is of, and says so with :meth:`within`.
+
+    Args:
+        problem, fix: as for :class:`UserError`, arguments written ``name=value``.
+        of: the part, or its class's name, where the mistake shows long after it was built.
+    """
+
+    def __init__(self, problem: str, fix: str | None = None, *, of: object = None):
+        super().__init__(problem, fix)
+        self.of = of if of is None or isinstance(of, str) else type(of).__name__
+
+    def __reduce__(self) -> Any:
+        return partial(ArgumentError, of=self.of), (self.problem, self.fix)
+
+    def within(self, group: str, arguments: Iterable[str]) -> UserError:
+        """The same mistake in the terms of a config: ``margin=0`` becomes ``loss.margin=0`` within ``loss``.
+
+        Args:
+            group: of the config.
+            arguments: that are keys of it.
+        """
+        return self.named({argument: f"{group}.{argument}" for argument in arguments})
+
+    def named(self, keys: Mapping[str, str]) -> UserError:
+        """The same mistake with each argument called by its key of a config."""
+        written = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, keys))})=")
+        problem, fix = (written.sub(lambda m: f"{keys[m[1]]}=", text) for text in (self.problem, self.fix or ""))
+        return UserError(problem, fix or None)
 
 
 class LossNotFiniteError(UserError):

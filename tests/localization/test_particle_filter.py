@@ -401,10 +401,10 @@ def test_adaptive_size_gives_each_run_what_it_would_get_alone():
 
 @pytest.mark.parametrize("threshold", [-0.1, 1.1, math.nan])
 def test_a_threshold_outside_of_the_unit_interval_is_refused(threshold):
-    with pytest.raises(UserError, match=r"filter\.ess_threshold"):
+    with pytest.raises(UserError, match=r"ess_threshold"):
         filter_of(line(), NoRecovery(), ess_threshold=threshold)
 
 
 def test_no_particles_are_refused():
-    with pytest.raises(UserError, match=r"filter\.particles=0"):
+    with pytest.raises(UserError, match=r"particles=0"):
         filter_of(line(), NoRecovery()).start(UniformStart(), 1, 0, generator())

@@ -293,8 +293,8 @@ def test_vfov_at_fixed_rho_moves_the_tilt_as_well():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"mode": "apart"}, "loss.mode='apart' must be one of joint, disentangled, harmonic"),
-        ({"grid": 1}, "loss.grid=1"),
+        ({"mode": "apart"}, "mode='apart' must be one of joint, disentangled, harmonic"),
+        ({"grid": 1}, "grid=1"),
     ],
 )
 def test_mistakes_are_told(arguments, says):

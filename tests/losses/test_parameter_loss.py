@@ -96,10 +96,10 @@ def test_half_precision_is_compared_in_single():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"units": "px"}, "loss.units='px' must be one of raw, range, natural"),
-        ({"penalty": "l1"}, "loss.penalty='l1' must be one of l2, huber"),
-        ({"delta": 0.0}, "loss.delta=0.0 must be above 0"),
-        ({"delta": math.nan}, "loss.delta=nan"),
+        ({"units": "px"}, "units='px' must be one of raw, range, natural"),
+        ({"penalty": "l1"}, "penalty='l1' must be one of l2, huber"),
+        ({"delta": 0.0}, "delta=0.0 must be above 0"),
+        ({"delta": math.nan}, "delta=nan"),
     ],
 )
 def test_mistakes_are_told(arguments, says):

@@ -222,16 +222,16 @@ def test_multi_similarity_is_its_equation(epsilon):
 @pytest.mark.parametrize(
     ("make", "key"),
     [
-        (lambda: TripletRatioLoss(margin=0.001), "loss.margin"),
-        (lambda: TripletRatioLoss(margin=math.nan), "loss.margin"),
-        (lambda: TripletRatioLoss(pair_weight=-1.0), "loss.pair_weight"),
-        (lambda: TripletMarginLoss(margin=0.0), "loss.margin"),
-        (lambda: SoftMarginLoss(scale=-1.0), "loss.scale"),
-        (lambda: ContrastiveLoss(margin=math.inf), "loss.margin"),
-        (lambda: InfoNCELoss(temperature=0.0), "loss.temperature"),
-        (lambda: MultiSimilarityLoss(alpha=0.0), "loss.alpha"),
-        (lambda: MultiSimilarityLoss(base=2.0), "loss.base"),
-        (lambda: MultiSimilarityLoss(epsilon=-0.1), "loss.epsilon"),
+        (lambda: TripletRatioLoss(margin=0.001), "margin"),
+        (lambda: TripletRatioLoss(margin=math.nan), "margin"),
+        (lambda: TripletRatioLoss(pair_weight=-1.0), "pair_weight"),
+        (lambda: TripletMarginLoss(margin=0.0), "margin"),
+        (lambda: SoftMarginLoss(scale=-1.0), "scale"),
+        (lambda: ContrastiveLoss(margin=math.inf), "margin"),
+        (lambda: InfoNCELoss(temperature=0.0), "temperature"),
+        (lambda: MultiSimilarityLoss(alpha=0.0), "alpha"),
+        (lambda: MultiSimilarityLoss(base=2.0), "base"),
+        (lambda: MultiSimilarityLoss(epsilon=-0.1), "epsilon"),
     ],
 )
 def test_parameters_out_of_range_are_named(make, key):

@@ -201,11 +201,11 @@ def test_descriptors_that_are_not_finite_are_refused():
 @pytest.mark.parametrize(
     ("make", "key"),
     [
-        (lambda: RandomMining(0), "mining.per_anchor"),
-        (lambda: SemiHardMining(0.0), "mining.margin"),
-        (lambda: CachedHardMining(negatives=0), "mining.negatives"),
-        (lambda: CachedHardMining(refresh=-1), "mining.refresh"),
-        (lambda: CachedHardMining(positive="best"), "mining.positive"),
+        (lambda: RandomMining(0), "per_anchor"),
+        (lambda: SemiHardMining(0.0), "margin"),
+        (lambda: CachedHardMining(negatives=0), "negatives"),
+        (lambda: CachedHardMining(refresh=-1), "refresh"),
+        (lambda: CachedHardMining(positive="best"), "positive"),
     ],
 )
 def test_settings_out_of_range_are_named(make, key):

@@ -1,6 +1,7 @@
 """From a config to objects: the only place that builds what ``_target_`` names."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +9,7 @@ from hydra.errors import HydraException
 from hydra.utils import instantiate
 
 from sextant.config import Config
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite
@@ -26,17 +27,31 @@ def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
             return instantiate(node, _convert_="all")
         # not through Hydra, which would make containers of objects that are passed
         return instantiate(node, _convert_="all", _partial_=True)(**arguments)
+    except ArgumentError as error:
+        raise error.within(group, node) from None
     except UserError:
         raise
     except (HydraException, TypeError, ValueError, ImportError) as error:
         cause = error.__cause__ if isinstance(error, HydraException) and error.__cause__ is not None else error
         if isinstance(cause, UserError):
-            raise cause from None
+            raise (cause.within(group, node) if isinstance(cause, ArgumentError) else cause) from None
         reason = str(cause).splitlines()[0]
         raise UserError(
             f"{group}: {node.get('_target_')} cannot be built: {reason}",
             f"It is called with the keys of {group}" + (f" and {', '.join(arguments)}" if arguments else ""),
         ) from None
+
+
+@contextmanager
+def naming_groups(raw: Mapping[str, Any]) -> Iterator[None]:
+    """Say of a mistake in an argument, found long after its part was built, which group of the config it is in."""
+    try:
+        yield
+    except ArgumentError as error:
+        for group, node in raw.items():
+            if isinstance(node, Mapping) and str(node.get("_target_", "")).rpartition(".")[-1] == error.of:
+                raise error.within(group, node) from None
+        raise
 
 
 def build_dataset(raw: Mapping[str, Any], config: Config) -> Any:

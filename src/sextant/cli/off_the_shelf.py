@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from sextant.config.schema.places import OffTheShelf
 from sextant.data.source import file_sha256
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 if TYPE_CHECKING:
     from torch import nn
@@ -129,9 +129,6 @@ def _naming_the_key() -> Iterator[None]:
     try:
         yield
     except UserError as error:
-        problem, fix = (_renamed(text) for text in (error.problem, error.fix or ""))
-        raise UserError(problem if problem.startswith(KEY) else f"{KEY}: {problem}", fix or None) from None
-
-
-def _renamed(text: str) -> str:
-    return text.replace("backbone.name", f"{KEY}.network").replace("backbone.weights", f"{KEY}.weights")
+        keys = {"name": f"{KEY}.network", "weights": f"{KEY}.weights"}
+        told = error.named(keys) if isinstance(error, ArgumentError) else error
+        raise UserError(told.problem if told.problem.startswith(KEY) else f"{KEY}: {told.problem}", told.fix) from None

@@ -11,6 +11,7 @@ import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 
 from sextant.atomic_files import write_atomically, write_json
+from sextant.cli.assemble import naming_groups
 from sextant.cli.families import Source, family_of
 from sextant.cli.progress import TrainingProgress
 from sextant.cli.published_figures import same_images
@@ -63,7 +64,7 @@ def train_and_test(
     trainer = _trainer(config, directory, logger, callbacks)
 
     monitor = mirror if config.tracking.system_metrics else None
-    with system_metrics(monitor, config.tracking.system_metrics_every_s):
+    with naming_groups(raw), system_metrics(monitor, config.tracking.system_metrics_every_s):
         resume = directory.last_checkpoint if directory.last_checkpoint.is_file() else None
         trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         if trainer.interrupted:
@@ -90,11 +91,12 @@ def test_checkpoint(
     module = model_from_checkpoint(raw, config, content, checkpoint)
     data = family_of(config.task.name).data(raw, config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
-    metrics = dict(trainer.test(module, data, verbose=False)[0])
-    results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
-    if (published := content[KEY].get("published")) is not None:
-        results["published"] = {**published, "same_images": same_images(raw, config)}
-    results = _with_record(results, module, data, config, directory)
+    with naming_groups(raw):
+        metrics = dict(trainer.test(module, data, verbose=False)[0])
+        results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
+        if (published := content[KEY].get("published")) is not None:
+            results["published"] = {**published, "same_images": same_images(raw, config)}
+        results = _with_record(results, module, data, config, directory)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 
 

@@ -25,7 +25,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.geometry.distortion import K2Family, k2_of_k1
 from sextant.geometry.horizon import rho_from_tilt, tau_from_tilt, tilt_from_rho, tilt_from_tau
 
@@ -88,13 +88,13 @@ class Parameterization:
 
     def __post_init__(self) -> None:
         if self.name not in get_args(Name):
-            raise UserError(
-                f"parameterization.name={self.name!r} must be one of {', '.join(get_args(Name))}",
-                "For example parameterization=horizon.",
+            raise ArgumentError(
+                f"name={self.name!r} must be one of {', '.join(get_args(Name))}",
+                "For example name=horizon",
             )
         if self.k2_of_k1 not in ("lopez", "zero"):
-            raise UserError(
-                f"parameterization.k2_of_k1={self.k2_of_k1!r}: a network predicts k1 alone, so k2 must follow from it",
+            raise ArgumentError(
+                f"k2_of_k1={self.k2_of_k1!r}: a network predicts k1 alone, so k2 must follow from it",
                 "Choose lopez or zero.",
             )
 

@@ -72,7 +72,7 @@ class DescriptorMap:
             _refuse(
                 repeated,
                 "poses that an earlier image has too (same x, y and heading)",
-                "Leave these images out, or keep one with their mean descriptor: task.merge_duplicates=true",
+                "Leave these images out, or keep one with their mean descriptor: merge_duplicates=true",
             )
         return cls(poses, descriptors, mean_of_blocks(descriptors.split(BLOCK)))
 

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.belief import Belief
 from sextant.localization.initialisation import Initialisation
 from sextant.localization.kld_size import KLDSize
@@ -91,9 +91,7 @@ class ParticleFilter:
 
     def __post_init__(self) -> None:
         if not 0 <= self.ess_threshold <= 1:
-            raise UserError(
-                f"filter.ess_threshold={self.ess_threshold} must lie between 0 and 1", "filter.ess_threshold=0.5"
-            )
+            raise ArgumentError(f"ess_threshold={self.ess_threshold} must lie between 0 and 1", "ess_threshold=0.5")
 
     def start(
         self,
@@ -119,7 +117,7 @@ class ParticleFilter:
             UserError: there is to be no particle.
         """
         if particles < 1:
-            raise UserError(f"filter.particles={particles} must be at least 1", "For example filter.particles=1000")
+            raise ArgumentError(f"particles={particles} must be at least 1", "For example particles=1000")
         belief = initialisation.start(self.prior, runs, particles, evidence, seen, generator)
         return FilterState(belief, self.recovery.memory(runs, belief.poses.device))
 

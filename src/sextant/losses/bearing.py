@@ -21,7 +21,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, perspective_bearings
 from sextant.geometry.rotations import rotation_from_tilt_roll
 from sextant.losses.camera_loss import CameraLoss, at_least_single
@@ -65,9 +65,9 @@ class BearingLoss(CameraLoss):
     def __init__(self, space: ParameterSpace, *, mode: Mode = "disentangled", grid: int = 7):
         super().__init__(space)
         if mode not in get_args(Mode):
-            raise UserError(f"loss.mode={mode!r} must be one of {', '.join(get_args(Mode))}", "loss.mode=disentangled")
+            raise ArgumentError(f"mode={mode!r} must be one of {', '.join(get_args(Mode))}", "mode=disentangled")
         if grid < 2:
-            raise UserError(f"loss.grid={grid} must be at least 2 points a side", "For example loss.grid=7")
+            raise ArgumentError(f"grid={grid} must be at least 2 points a side", "For example grid=7")
         self.mode, self.grid = mode, grid
         weights = harmonic_weights(space, grid) if mode == "harmonic" else torch.full((4,), 0.25)
         self.register_buffer("weights", weights.float(), persistent=False)

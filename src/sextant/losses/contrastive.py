@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.losses.place_loss import Pairing, PlaceLoss, PlaceLossOutput, as_relation, nothing, pairwise_distances
 
 
@@ -28,7 +28,7 @@ class ContrastiveLoss(PlaceLoss):
     def __init__(self, *, margin: float = 0.5):
         super().__init__()
         if not 0 < margin < float("inf"):
-            raise UserError(f"loss.margin={margin} must be above 0", "For example loss.margin=0.5")
+            raise ArgumentError(f"margin={margin} must be above 0", "For example margin=0.5")
         self.margin = margin
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:

@@ -16,7 +16,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.losses.place_loss import Pairing, PlaceLoss, PlaceLossOutput, as_relation, nothing
 
 
@@ -34,7 +34,7 @@ class InfoNCELoss(PlaceLoss):
     def __init__(self, *, temperature: float = 0.07):
         super().__init__()
         if not 0 < temperature < float("inf"):
-            raise UserError(f"loss.temperature={temperature} must be above 0", "For example loss.temperature=0.07")
+            raise ArgumentError(f"temperature={temperature} must be above 0", "For example temperature=0.07")
         self.temperature = temperature
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:

@@ -17,7 +17,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.losses.place_loss import Pairing, PlaceLoss, PlaceLossOutput, as_relation, nothing
 from sextant.retrieval import Relation
 
@@ -39,11 +39,11 @@ class MultiSimilarityLoss(PlaceLoss):
         super().__init__()
         for name, value in (("alpha", alpha), ("beta", beta)):
             if not 0 < value < float("inf"):
-                raise UserError(f"loss.{name}={value} must be above 0", "loss.alpha=2 loss.beta=50")
+                raise ArgumentError(f"{name}={value} must be above 0", "alpha=2 beta=50")
         if not -1 <= base <= 1:
-            raise UserError(f"loss.base={base} must be in [-1, 1]", "For example loss.base=0.5")
+            raise ArgumentError(f"base={base} must be in [-1, 1]", "For example base=0.5")
         if epsilon is not None and not 0 <= epsilon < float("inf"):
-            raise UserError(f"loss.epsilon={epsilon} must be at least 0, or null", "For example loss.epsilon=0.1")
+            raise ArgumentError(f"epsilon={epsilon} must be at least 0, or null", "For example epsilon=0.1")
         self.alpha, self.beta, self.base, self.epsilon = alpha, beta, base, epsilon
 
     def forward(self, descriptors: Float[Tensor, "b d"], pairing: Pairing) -> PlaceLossOutput:

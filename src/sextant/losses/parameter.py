@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.geometry import ParameterSpace
 from sextant.losses.camera_loss import CameraLoss, at_least_single
 
@@ -44,13 +44,11 @@ class ParameterLoss(CameraLoss):
     def __init__(self, space: ParameterSpace, *, units: Units = "range", penalty: Penalty = "l2", delta: float = 1.0):
         super().__init__(space)
         if units not in get_args(Units):
-            raise UserError(f"loss.units={units!r} must be one of {', '.join(get_args(Units))}", "loss.units=range")
+            raise ArgumentError(f"units={units!r} must be one of {', '.join(get_args(Units))}", "units=range")
         if penalty not in get_args(Penalty):
-            raise UserError(
-                f"loss.penalty={penalty!r} must be one of {', '.join(get_args(Penalty))}", "loss.penalty=l2"
-            )
+            raise ArgumentError(f"penalty={penalty!r} must be one of {', '.join(get_args(Penalty))}", "penalty=l2")
         if not delta > 0:
-            raise UserError(f"loss.delta={delta} must be above 0", "For example loss.delta=1.0")
+            raise ArgumentError(f"delta={delta} must be above 0", "For example delta=1.0")
         self.penalty, self.delta = penalty, delta
         if units == "range":
             scale = 1 / (space.high - space.low)

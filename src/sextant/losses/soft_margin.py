@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.losses.place_loss import TripletLoss
 
 
@@ -25,7 +25,7 @@ class SoftMarginLoss(TripletLoss):
     def __init__(self, *, scale: float = 1.0):
         super().__init__()
         if not 0 < scale < float("inf"):
-            raise UserError(f"loss.scale={scale} must be above 0", "For example loss.scale=1.0")
+            raise ArgumentError(f"scale={scale} must be above 0", "For example scale=1.0")
         self.scale = scale
 
     def of_distances(

@@ -9,7 +9,7 @@ F. Schroff et al., "FaceNet", CVPR 2015 (squares).
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.losses.place_loss import TripletLoss
 
 
@@ -27,7 +27,7 @@ class TripletMarginLoss(TripletLoss):
     def __init__(self, *, margin: float = 0.1, squared: bool = False):
         super().__init__()
         if not 0 < margin < float("inf"):
-            raise UserError(f"loss.margin={margin} must be above 0", "For example loss.margin=0.1")
+            raise ArgumentError(f"margin={margin} must be above 0", "For example margin=0.1")
         self.margin, self.squared = margin, squared
 
     def of_distances(

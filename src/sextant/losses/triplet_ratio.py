@@ -16,7 +16,7 @@ neural network", Pattern Recognition Letters 92, 2017, use as far as we know.
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.losses.place_loss import TripletLoss
 
 SMALLEST_MARGIN = 0.01
@@ -43,12 +43,12 @@ class TripletRatioLoss(TripletLoss):
     def __init__(self, *, margin: float = SMALLEST_MARGIN, pair_weight: float = 0.0):
         super().__init__()
         if not SMALLEST_MARGIN <= margin < float("inf"):
-            raise UserError(
-                f"loss.margin={margin} must be at least {SMALLEST_MARGIN}: the gradient grows like 1/margin",
-                f"loss.margin={SMALLEST_MARGIN}",
+            raise ArgumentError(
+                f"margin={margin} must be at least {SMALLEST_MARGIN}: the gradient grows like 1/margin",
+                f"margin={SMALLEST_MARGIN}",
             )
         if not 0 <= pair_weight < float("inf"):
-            raise UserError(f"loss.pair_weight={pair_weight} must be at least 0", "loss.pair_weight=0")
+            raise ArgumentError(f"pair_weight={pair_weight} must be at least 0", "pair_weight=0")
         self.margin, self.pair_weight = margin, pair_weight
 
     def of_distances(

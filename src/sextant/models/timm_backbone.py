@@ -4,7 +4,7 @@ from typing import Any
 
 from torch import nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 
 def timm_backbone(
@@ -25,10 +25,10 @@ def timm_backbone(
     try:
         import timm
     except ImportError:
-        raise UserError("backbone=timm needs the package timm", "pip install timm") from None
+        raise UserError("networks of timm need the package timm", "pip install timm") from None
     if not timm.is_model(name):
         near = timm.list_models(f"{name[:6]}*")[:5] or timm.list_models("resnet1*")[:5]
-        raise UserError(f"backbone.name={name!r} is not a timm network", f"For example {', '.join(near)}")
+        raise ArgumentError(f"name={name!r} is not a timm network", f"For example {', '.join(near)}")
     settings: dict[str, Any] = {"num_classes": num_classes, "in_chans": in_channels}
     try:
         try:
@@ -37,7 +37,5 @@ def timm_backbone(
             network = timm.create_model(name, pretrained=pretrained, **settings)
     except (OSError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
-        raise UserError(
-            f"the weights of {name} could not be fetched: {reason}", "Use backbone.pretrained=false."
-        ) from None
+        raise ArgumentError(f"the weights of {name} could not be fetched: {reason}", "Use pretrained=false") from None
     return network

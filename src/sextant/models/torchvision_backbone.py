@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.models.weights_file import load_weights
 
 
@@ -48,13 +48,13 @@ def torchvision_classifier(name: str, weights: str | None = None) -> nn.Module:
 
     if name not in models.list_models(models):
         near = [other for other in models.list_models(models) if other.startswith(name[:4])]
-        raise UserError(f"backbone.name={name!r} is not a torchvision network", f"For example {', '.join(near[:5])}")
+        raise ArgumentError(f"name={name!r} is not a torchvision network", f"For example {', '.join(near[:5])}")
     try:
         network: nn.Module = models.get_model(name, weights="DEFAULT" if weights == "imagenet" else None)
     except OSError as error:
-        raise UserError(
+        raise ArgumentError(
             f"the ImageNet weights of {name} could not be fetched: {error}",
-            "Use backbone.weights=null, or the path of a file of weights.",
+            "Use weights=null, or the path of a file of weights.",
         ) from None
     if weights not in (None, "imagenet"):
         load_weights(network, Path(str(weights)).expanduser())
@@ -73,7 +73,7 @@ def _replace(network: nn.Module, name: str, module: nn.Module) -> None:
 def _replace_last(network: nn.Module, num_classes: int) -> None:
     if not any(isinstance(module, nn.Linear) for module in network.modules()):
         raise UserError(
-            f"backbone.name: {type(network).__name__} ends in no linear layer, which could give other classes",
+            f"{type(network).__name__} ends in no linear layer, which could give other classes",
             "Choose another network, for example resnet18 or mobilenet_v3_small.",
         )
     name, last = _named_last(network, nn.Linear)

@@ -6,20 +6,19 @@ from pathlib import Path
 
 from torch import nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.torch_file import load_verified, require_finite
 
 
-def load_weights(network: nn.Module, path: Path, key: str = "backbone.weights") -> None:
+def load_weights(network: nn.Module, path: Path) -> None:
     """Load a state dict of exactly this network, in place.
 
     Args:
         network: gets the weights.
         path: a ``.safetensors`` file, or what ``torch.save`` wrote of a state dict.
-        key: of the config that names the file, for messages.
 
     Raises:
-        UserError: there is no such file, it holds anything but tensors, it is damaged, or they are those of another
+        ArgumentError: there is no such file, it holds anything but tensors, it is damaged, or they are those of another
             network or not finite.
     """
     try:
@@ -32,8 +31,8 @@ def load_weights(network: nn.Module, path: Path, key: str = "backbone.weights") 
         network.load_state_dict(state)
         require_finite(state, path)
     except Exception as error:
-        raise UserError(
-            f"{key}={path} cannot be loaded: {why_unread(error)}",
+        raise ArgumentError(
+            f"weights={path} cannot be loaded: {why_unread(error)}",
             "Give a state dict of this network, as torchvision saves it.",
         ) from None
 

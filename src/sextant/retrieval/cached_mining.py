@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.retrieval.relations import Places, Tolerance, relations
 from sextant.retrieval.triplet_mining import Mined, draw_column
 
@@ -44,12 +44,10 @@ class CachedHardMining:
     def __post_init__(self) -> None:
         for name in ("refresh", "anchors", "candidates", "negatives"):
             if getattr(self, name) < 1:
-                raise UserError(
-                    f"mining.{name}={getattr(self, name)} must be at least 1", f"For example mining.{name}=100"
-                )
+                raise ArgumentError(f"{name}={getattr(self, name)} must be at least 1", f"For example {name}=100")
         if self.positive not in get_args(Positive):
             allowed = ", ".join(get_args(Positive))
-            raise UserError(f"mining.positive={self.positive!r} must be one of {allowed}", "mining.positive=nearest")
+            raise ArgumentError(f"positive={self.positive!r} must be one of {allowed}", "positive=nearest")
 
     @torch.no_grad()
     def __call__(

@@ -24,7 +24,7 @@ import torch
 from jaxtyping import Bool, Float, Int64, Shaped
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.retrieval.relations import Relation
 
 
@@ -78,7 +78,7 @@ class RandomMining:
 
     def __post_init__(self) -> None:
         if self.per_anchor < 1:
-            raise UserError(f"mining.per_anchor={self.per_anchor} must be at least 1", "mining.per_anchor=1")
+            raise ArgumentError(f"per_anchor={self.per_anchor} must be at least 1", "per_anchor=1")
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None
@@ -105,7 +105,7 @@ class SemiHardMining:
 
     def __post_init__(self) -> None:
         if not self.margin > 0:
-            raise UserError(f"mining.margin={self.margin} must be above 0", "For example mining.margin=0.1")
+            raise ArgumentError(f"margin={self.margin} must be above 0", "For example margin=0.1")
 
     def __call__(
         self, descriptors: Float[Tensor, "b d"], relation: Relation, generator: torch.Generator | None = None

@@ -146,7 +146,7 @@ def test_maxmin_is_a_permutation_with_gaps_that_shrink(images, seed):
 
 
 def test_no_neighbour_is_refused():
-    with pytest.raises(UserError, match=r"task\.neighbours=0"):
+    with pytest.raises(UserError, match=r"neighbours=0"):
         Conditioning.of(features_of(smooth_map(5)), np.arange(5), neighbours=0)
 
 

@@ -66,9 +66,9 @@ def test_runs_without_a_first_image_start_anywhere():
 
 
 def test_arguments_out_of_range_are_refused():
-    with pytest.raises(UserError, match=r"initialisation\.top=0"):
+    with pytest.raises(UserError, match=r"top=0"):
         AppearanceStart(0)
-    with pytest.raises(UserError, match=r"initialisation\.sigma"):
+    with pytest.raises(UserError, match=r"sigma"):
         GaussianStart(torch.zeros(1, 3).double(), (0.1, -0.1, 0.0))
     with pytest.raises(ValueError, match="not finite"):
         GaussianStart(torch.full((1, 3), math.nan).double(), (0.1, 0.1, 0.0))

@@ -162,11 +162,11 @@ def test_exponential_motion_composes_the_motion_before_its_noise():
 @pytest.mark.parametrize(
     ("make", "key"),
     [
-        (lambda: ExponentialMotion(per_step=(-1.0, 0.0, 0.0)), r"motion\.per_step"),
-        (lambda: ExponentialMotion(per_metre=(math.nan, 0.0, 0.0)), r"motion\.per_metre"),
-        (lambda: ExponentialMotion(unknown=(1.0, 1.0, math.inf)), r"motion\.unknown"),
-        (lambda: OdometryMotion(alphas=(0.1, 0.1, 0.1, -0.1)), r"motion\.alphas"),
-        (lambda: OdometryMotion(least_translation=-1.0), r"motion\.least_translation"),
+        (lambda: ExponentialMotion(per_step=(-1.0, 0.0, 0.0)), r"per_step"),
+        (lambda: ExponentialMotion(per_metre=(math.nan, 0.0, 0.0)), r"per_metre"),
+        (lambda: ExponentialMotion(unknown=(1.0, 1.0, math.inf)), r"unknown"),
+        (lambda: OdometryMotion(alphas=(0.1, 0.1, 0.1, -0.1)), r"alphas"),
+        (lambda: OdometryMotion(least_translation=-1.0), r"least_translation"),
     ],
 )
 def test_noise_that_is_none_is_refused(make, key):

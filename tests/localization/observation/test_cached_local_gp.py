@@ -214,7 +214,7 @@ def test_a_railway_works_where_all_y_and_headings_are_one():
 
 @pytest.mark.parametrize("blend", [0, 241])
 def test_a_blend_of_more_images_than_there_are_is_refused_with_the_key(blend):
-    with pytest.raises(UserError, match=rf"observation\.blend={blend}.*\[1, 240\]"):
+    with pytest.raises(UserError, match=rf"blend={blend}.*\[1, 240\]"):
         CachedLocalGP(blend=blend).fit(smooth_map(), KERNEL)
 
 

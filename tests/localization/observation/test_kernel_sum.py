@@ -116,11 +116,11 @@ def test_a_map_in_which_all_images_are_as_far_tells_nothing():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"neighbours": 0}, r"observation\.neighbours=0 must be at least 1"),
-        ({"contrast": 1.0}, r"observation\.contrast=1.0 must be above 1"),
-        ({"pose_rate": 0.0}, r"observation\.pose_rate=0.0 must be above 0"),
-        ({"heading_weight": math.nan}, r"observation\.heading_weight=nan"),
-        ({"appearance_rate": -1.0}, r"observation\.appearance_rate=-1.0"),
+        ({"neighbours": 0}, r"neighbours=0 must be at least 1"),
+        ({"contrast": 1.0}, r"contrast=1.0 must be above 1"),
+        ({"pose_rate": 0.0}, r"pose_rate=0.0 must be above 0"),
+        ({"heading_weight": math.nan}, r"heading_weight=nan"),
+        ({"appearance_rate": -1.0}, r"appearance_rate=-1.0"),
     ],
 )
 def test_numbers_out_of_range_are_refused(arguments, message):
@@ -129,7 +129,7 @@ def test_numbers_out_of_range_are_refused(arguments, message):
 
 
 def test_more_neighbours_than_images_are_refused():
-    with pytest.raises(UserError, match=r"observation\.neighbours=3.*2 images"):
+    with pytest.raises(UserError, match=r"neighbours=3.*2 images"):
         KernelSum().fit(smooth_map(2), KERNEL)
 
 

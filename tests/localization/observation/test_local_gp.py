@@ -63,5 +63,5 @@ def test_the_error_to_the_exact_process_falls_with_the_neighbours():
 
 @pytest.mark.parametrize("neighbours", [0, 241])
 def test_a_number_of_neighbours_that_the_map_has_not_is_refused_with_the_key(neighbours):
-    with pytest.raises(UserError, match=rf"observation\.neighbours={neighbours}.*\[1, 240\]"):
+    with pytest.raises(UserError, match=rf"neighbours={neighbours}.*\[1, 240\]"):
         LocalGP(neighbours).fit(smooth_map(), KERNEL)

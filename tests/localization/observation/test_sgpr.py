@@ -104,17 +104,17 @@ def test_inducing_poses_stay_at_the_maps_headings_across_the_break_of_the_circle
 
 
 def test_more_inducing_poses_than_images_are_refused():
-    with pytest.raises(UserError, match=r"observation\.inducing=241.*240 images"):
+    with pytest.raises(UserError, match=r"inducing=241.*240 images"):
         SGPR(inducing=241).fit(smooth_map(), KERNEL)
 
 
 def test_no_inducing_pose_is_refused():
-    with pytest.raises(UserError, match=r"observation\.inducing=0 must be at least 1"):
+    with pytest.raises(UserError, match=r"inducing=0 must be at least 1"):
         SGPR(inducing=0)
 
 
 def test_an_unknown_placement_is_refused():
-    with pytest.raises(UserError, match=r"observation\.placement=corners must be one of kmeans, every"):
+    with pytest.raises(UserError, match=r"placement=corners must be one of kmeans, every"):
         SGPR(inducing=5, placement="corners")
 
 

@@ -53,10 +53,10 @@ def test_the_bound_is_below_the_log_marginal_likelihood_however_few_the_steps():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"steps": 0}, r"observation\.steps=0 must be at least 1"),
-        ({"batch": 0}, r"observation\.batch=0 must be at least 1"),
-        ({"forgetting": 0.5}, r"observation\.forgetting=0.5 must be above 0.5"),
-        ({"inducing": 0}, r"observation\.inducing=0"),
+        ({"steps": 0}, r"steps=0 must be at least 1"),
+        ({"batch": 0}, r"batch=0 must be at least 1"),
+        ({"forgetting": 0.5}, r"forgetting=0.5 must be above 0.5"),
+        ({"inducing": 0}, r"inducing=0"),
     ],
 )
 def test_sizes_that_make_no_sense_are_refused(arguments, message):

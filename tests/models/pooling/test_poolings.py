@@ -179,10 +179,10 @@ def test_a_feature_mixer_is_its_equations():
 @pytest.mark.parametrize(
     ("cls", "settings", "key"),
     [
-        (GeM, {"p": 0.5}, "pooling.p"),
-        (NetVLAD, {"clusters": 1}, "pooling.clusters"),
-        (FeatureMixer, {"depth": 0}, "pooling.depth"),
-        (FeatureMixer, {"ratio": 0.01}, "pooling.ratio"),
+        (GeM, {"p": 0.5}, "p"),
+        (NetVLAD, {"clusters": 1}, "clusters"),
+        (FeatureMixer, {"depth": 0}, "depth"),
+        (FeatureMixer, {"ratio": 0.01}, "ratio"),
     ],
 )
 def test_settings_out_of_range_are_named(cls, settings, key):

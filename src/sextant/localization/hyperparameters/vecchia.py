@@ -28,7 +28,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.hyperparameters.trainable_kernel import TrainableKernel
 
 
@@ -59,7 +59,7 @@ class Conditioning:
             ValueError: ``order`` is not a permutation of the images.
         """
         if neighbours < 1:
-            raise UserError(f"task.neighbours={neighbours} must be at least 1", "Set task.neighbours=30.")
+            raise ArgumentError(f"neighbours={neighbours} must be at least 1", "Set neighbours=30.")
         if not np.array_equal(np.sort(order), np.arange(len(features))):
             raise ValueError(f"order must hold each of the {len(features)} images once")
         places = preceding_neighbours(features[order], min(neighbours, max(1, len(order) - 1)))

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.belief import Belief
 from sextant.localization.initialisation.initialisation import Initialisation, weighed
@@ -45,7 +45,7 @@ class AppearanceStart(Initialisation):
 
     def __post_init__(self) -> None:
         if self.top is not None and self.top < 1:
-            raise UserError(f"initialisation.top={self.top} must be at least 1", "Or null for all images of the map.")
+            raise ArgumentError(f"top={self.top} must be at least 1", "Or null for all images of the map.")
 
     def start(
         self,

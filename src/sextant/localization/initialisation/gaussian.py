@@ -31,7 +31,7 @@ class GaussianStart(Initialisation):
     sigma: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        check_not_negative("initialisation.sigma", self.sigma, 3)
+        check_not_negative("sigma", self.sigma, 3)
         if not bool(self.mean.isfinite().all()):
             raise ValueError("a pose to start from is not finite")
 

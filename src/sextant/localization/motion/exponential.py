@@ -39,8 +39,8 @@ class ExponentialMotion(MotionModel):
 
     def __post_init__(self) -> None:
         for name in ("per_step", "per_metre", "per_radian"):
-            check_not_negative(f"motion.{name}", getattr(self, name), 3)
-        check_not_negative("motion.unknown", self.if_unknown(), 3)
+            check_not_negative(name, getattr(self, name), 3)
+        check_not_negative("unknown", self.if_unknown(), 3)
 
     def if_unknown(self) -> Sequence[float]:
         """``unknown``, or many steps."""

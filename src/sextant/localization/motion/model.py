@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.geometry.planar import se2_compose, se2_exp
 
 
@@ -49,14 +49,14 @@ class MotionModel(ABC):
         """The motion each particle makes, a function of standard normal noise."""
 
 
-def check_not_negative(key: str, values: Sequence[float], count: int) -> None:
+def check_not_negative(argument: str, values: Sequence[float], count: int) -> None:
     """Refuse anything but ``count`` finite numbers of at least 0.
 
     Raises:
-        UserError: names the key and the values.
+        ArgumentError: names the argument and the values.
     """
     if len(values) != count or not all(0 <= value < float("inf") for value in values):
-        raise UserError(
-            f"{key}={list(values)} must be {count} finite numbers of at least 0",
-            f"For example {key}=[{','.join(['0.1'] * count)}]",
+        raise ArgumentError(
+            f"{argument}={list(values)} must be {count} finite numbers of at least 0",
+            f"For example {argument}=[{','.join(['0.1'] * count)}]",
         )

@@ -41,9 +41,9 @@ class OdometryMotion(MotionModel):
     unknown: tuple[float, float, float] = (0.5, 0.2, 0.2)
 
     def __post_init__(self) -> None:
-        check_not_negative("motion.alphas", self.alphas, 4)
-        check_not_negative("motion.least_translation", [self.least_translation], 1)
-        check_not_negative("motion.unknown", self.unknown, 3)
+        check_not_negative("alphas", self.alphas, 4)
+        check_not_negative("least_translation", [self.least_translation], 1)
+        check_not_negative("unknown", self.unknown, 3)
 
     def if_unknown(self) -> Sequence[float]:
         """``unknown``."""

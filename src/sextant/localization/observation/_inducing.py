@@ -17,7 +17,7 @@ from jaxtyping import Float64
 from sklearn.cluster import MiniBatchKMeans
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.observation._factor import noisy_variance
 from sextant.localization.observation._feature_regression import FeatureRegression
@@ -52,9 +52,9 @@ class InducingRegression(FeatureRegression):
 
     def __init__(self, inducing: int, placement: Placement = "kmeans", seed: int = 0):
         if inducing < 1:
-            raise UserError(f"observation.inducing={inducing} must be at least 1", "Set observation.inducing=200.")
+            raise ArgumentError(f"inducing={inducing} must be at least 1", "Set inducing=200.")
         if placement not in PLACEMENTS:
-            raise UserError(f"observation.placement={placement} must be one of {', '.join(PLACEMENTS)}")
+            raise ArgumentError(f"placement={placement} must be one of {', '.join(PLACEMENTS)}")
         self.inducing, self.placement, self.seed = inducing, placement, seed
 
     @property
@@ -115,9 +115,9 @@ def inducing_poses(
         UserError: more inducing poses are asked for than the map has images.
     """
     if inducing > len(map):
-        raise UserError(
-            f"observation.inducing={inducing} must be at most the {len(map)} images of the map",
-            f"Set observation.inducing={len(map)} or less, or take observation=exact.",
+        raise ArgumentError(
+            f"inducing={inducing} must be at most the {len(map)} images of the map",
+            f"Set inducing={len(map)} or less, or take ExactGP.",
         )
     if inducing == len(map):
         return map.poses.clone()
@@ -145,5 +145,5 @@ def factor_of(kernel: PoseKernel, poses: Float64[Tensor, "m 3"]) -> Float64[Tens
             return factor
     raise UserError(
         f"the covariance of {len(poses)} inducing poses cannot be factorised: they stand too close together",
-        "Lower observation.inducing, or shorten the kernel's lengths.",
+        "Use fewer inducing poses, or shorten the kernel's lengths.",
     )

@@ -26,7 +26,7 @@ from jaxtyping import Bool, Float32, Float64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import _cache_kernels as machine
@@ -105,9 +105,9 @@ class CachedLocalGP(ObservationModel):
     def _prepare(self) -> None:
         check_neighbours(self.neighbours, len(self.map))
         if not 1 <= self.blend <= len(self.map):
-            raise UserError(
-                f"observation.blend={self.blend} must be in [1, {len(self.map)}], the number of images in the map",
-                "Set observation.blend=1, or 3 for a likelihood without jumps.",
+            raise ArgumentError(
+                f"blend={self.blend} must be in [1, {len(self.map)}], the number of images in the map",
+                "Set blend=1, or 3 for a likelihood without jumps.",
             )
         self.neighbourhoods = Neighbourhoods(self.map.poses, self.kernel)
         self._terms: tuple[Likelihood, Tensor, Tensor] | None = None

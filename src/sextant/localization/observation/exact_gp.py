@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.observation._factor import noisy_factor, noisy_variance
 from sextant.localization.observation.model import ObservationModel, stored
 from sextant.localization.observation.prediction import Prediction
@@ -40,10 +40,10 @@ class ExactGP(ObservationModel):
     def _fit(self) -> None:
         n = len(self.map)
         if n > self.max_images:
-            raise UserError(
-                f"the map has {n} images, more than observation.max_images={self.max_images} that an exact Gaussian "
+            raise ArgumentError(
+                f"the map has {n} images, more than max_images={self.max_images} that an exact Gaussian "
                 f"process is to take: it would need {16e-9 * n * n:.1f} GB",
-                "Choose observation=cached_local, thin the map, or raise observation.max_images.",
+                "Choose CachedLocalGP, thin the map, or raise max_images.",
             )
         factor = noisy_factor(self.kernel(self.map.poses, self.map.poses), self.kernel.noise_variance)
         self.weights = torch.cholesky_solve(self._centred(), factor).contiguous()

@@ -21,7 +21,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.geometry.planar import wrap_angle
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.evidence import Evidence
@@ -57,22 +57,22 @@ class KernelSum(ObservationModel):
         appearance_rate: float | None = None,
     ):
         if neighbours < 1:
-            raise UserError(f"observation.neighbours={neighbours} must be at least 1", "Set observation.neighbours=3.")
+            raise ArgumentError(f"neighbours={neighbours} must be at least 1", "Set neighbours=3.")
         positive = {"pose_rate": pose_rate, "heading_weight": heading_weight, "contrast": contrast - 1}
         if appearance_rate is not None:
             positive["appearance_rate"] = appearance_rate
         for name, value in positive.items():
             if not (value > 0 and math.isfinite(value)):
                 least = 1 if name == "contrast" else 0
-                raise UserError(f"observation.{name}={value + least} must be above {least} and finite")
+                raise ArgumentError(f"{name}={value + least} must be above {least} and finite")
         self.neighbours, self.pose_rate, self.heading_weight = neighbours, pose_rate, heading_weight
         self.contrast, self.appearance_rate = contrast, appearance_rate
 
     def _fit(self) -> None:
         if self.neighbours > len(self.map):
-            raise UserError(
-                f"observation.neighbours={self.neighbours} must be at most the {len(self.map)} images of the map",
-                f"Set observation.neighbours={len(self.map)} or less.",
+            raise ArgumentError(
+                f"neighbours={self.neighbours} must be at most the {len(self.map)} images of the map",
+                f"Set neighbours={len(self.map)} or less.",
             )
         self._rate = self.appearance_rate
         self._index()

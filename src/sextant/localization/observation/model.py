@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float32, Float64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation.evidence import Evidence
@@ -38,7 +38,11 @@ class ObservationModel(ABC):
             UserError: the model cannot be fitted to this map or kernel.
         """
         self.map, self.kernel, self._over_map = map, kernel, None
-        self._fit()
+        try:
+            self._fit()
+        except ArgumentError as error:  # in which ``self.neighbours``, say, does not go with the map
+            error.of = type(self).__name__
+            raise
         return self
 
     @abstractmethod

@@ -8,7 +8,7 @@ from jaxtyping import Float64, Int64
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.observation._place_grid import NOT_FOUND, PlaceGrid
 from sextant.localization.pose_kernel import PoseKernel
 
@@ -69,7 +69,7 @@ class Neighbourhoods:
 def check_neighbours(neighbours: int, images: int) -> None:
     """Raise a UserError unless ``neighbours`` is a number of images that the map has."""
     if not 1 <= neighbours <= images:
-        raise UserError(
-            f"observation.neighbours={neighbours} must be in [1, {images}], the number of images in the map",
-            f"Set observation.neighbours={max(1, min(16, images))}, or build a larger map.",
+        raise ArgumentError(
+            f"neighbours={neighbours} must be in [1, {images}], the number of images in the map",
+            f"Set neighbours={max(1, min(16, images))}, or build a larger map.",
         )

@@ -22,7 +22,7 @@ import torch
 from jaxtyping import Float64
 from torch import Generator, Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.observation._feature_regression import FeatureRegression
 from sextant.localization.observation.model import stored
 from sextant.localization.pose_kernel import PoseKernel
@@ -46,9 +46,9 @@ class RandomFeatures(FeatureRegression):
 
     def __init__(self, features: int = 512, seed: int = 0):
         if features < 2 or features % 2:
-            raise UserError(
-                f"observation.features={features} must be even and at least 2: waves come as cosine and sine",
-                "Set observation.features=512.",
+            raise ArgumentError(
+                f"features={features} must be even and at least 2: waves come as cosine and sine",
+                "Set features=512.",
             )
         self.features, self.seed = features, seed
 

@@ -29,7 +29,7 @@ from linear_operator.utils.lanczos import lanczos_tridiag
 from linear_operator.utils.warnings import NumericalWarning
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.observation._inducing import factor_of, inducing_poses
 from sextant.localization.observation._pose_grid import PoseGrid
 from sextant.localization.observation.model import ObservationModel, stored
@@ -62,12 +62,12 @@ class SKI(ObservationModel):
 
     def __init__(self, spacing: float = 0.5, rank: int = 200, seed: int = 0):
         if not 0 < spacing <= 1:
-            raise UserError(
-                f"observation.spacing={spacing} must be above 0 and at most 1 length of the kernel",
-                "Set observation.spacing=0.5.",
+            raise ArgumentError(
+                f"spacing={spacing} must be above 0 and at most 1 length of the kernel",
+                "Set spacing=0.5.",
             )
         if rank < 2:
-            raise UserError(f"observation.rank={rank} must be at least 2", "Set observation.rank=200.")
+            raise ArgumentError(f"rank={rank} must be at least 2", "Set rank=200.")
         self.spacing, self.rank, self.seed = spacing, rank, seed
 
     def _fit(self) -> None:
@@ -98,10 +98,10 @@ class SKI(ObservationModel):
             )
         self._grid = PoseGrid.of(self.map.poses, self.kernel, self.spacing)
         if self._grid.nodes > MAX_NODES:
-            raise UserError(
-                f"observation.spacing={self.spacing} makes a grid of {self._grid.nodes:,} poses over this map; at most "
+            raise ArgumentError(
+                f"spacing={self.spacing} makes a grid of {self._grid.nodes:,} poses over this map; at most "
                 f"{MAX_NODES:,} are allowed",
-                "Raise observation.spacing, or choose observation=cached_local, which does not grow with the area.",
+                "Raise spacing, or choose CachedLocalGP, which does not grow with the area.",
             )
 
     def _solve(self, covariance: Callable[[Tensor], Tensor]) -> Tensor:

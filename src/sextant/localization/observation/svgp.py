@@ -20,7 +20,7 @@ import math
 import torch
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.observation._feature_regression import ENTRIES
 from sextant.localization.observation._inducing import InducingRegression, Placement
 
@@ -53,11 +53,11 @@ class SVGP(InducingRegression):
         super().__init__(inducing, placement, seed)
         for name, value in {"steps": steps, "batch": batch}.items():
             if value < 1:
-                raise UserError(f"observation.{name}={value} must be at least 1", f"Set observation.{name}=200.")
+                raise ArgumentError(f"{name}={value} must be at least 1", f"Set {name}=200.")
         if not 0.5 < forgetting <= 1:
-            raise UserError(
-                f"observation.forgetting={forgetting} must be above 0.5 and at most 1, or the steps do not converge",
-                "Set observation.forgetting=1.",
+            raise ArgumentError(
+                f"forgetting={forgetting} must be above 0.5 and at most 1, or the steps do not converge",
+                "Set forgetting=1.",
             )
         self.steps, self.batch, self.forgetting = steps, batch, forgetting
 

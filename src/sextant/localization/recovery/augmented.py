@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
 from sextant.localization.recovery.uniform import anywhere
@@ -49,15 +49,15 @@ class AugmentedMCL(Recovery):
 
     def __post_init__(self) -> None:
         if not 0 < self.alpha_slow < self.alpha_fast < 1:
-            raise UserError(
-                f"recovery.alpha_slow={self.alpha_slow} and recovery.alpha_fast={self.alpha_fast} must satisfy "
+            raise ArgumentError(
+                f"alpha_slow={self.alpha_slow} and alpha_fast={self.alpha_fast} must satisfy "
                 "0 < alpha_slow < alpha_fast < 1",
-                "For example recovery.alpha_slow=0.001 recovery.alpha_fast=0.1",
+                "For example alpha_slow=0.001 alpha_fast=0.1",
             )
         if self.average not in get_args(Average):
             allowed = ", ".join(get_args(Average))
-            raise UserError(f"recovery.average={self.average!r} must be one of {allowed}", "recovery.average=geometric")
-        check_share("recovery.most", self.most)
+            raise ArgumentError(f"average={self.average!r} must be one of {allowed}", "average=geometric")
+        check_share("most", self.most)
 
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator

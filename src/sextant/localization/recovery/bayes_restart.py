@@ -50,8 +50,8 @@ class BayesRestart(Recovery):
     weigh_jitter: bool = False
 
     def __post_init__(self) -> None:
-        check_share("recovery.hazard", self.hazard)
-        check_share("recovery.share", self.share)
+        check_share("hazard", self.hazard)
+        check_share("share", self.share)
 
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator

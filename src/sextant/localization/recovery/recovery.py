@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.weighed import Weighed
 
@@ -74,11 +74,11 @@ def whole_number(
     return (share * particles + chance).floor().long().minimum(particles - 1).clamp(min=0)
 
 
-def check_share(key: str, share: float) -> None:
+def check_share(argument: str, share: float) -> None:
     """Refuse a share that is not in (0, 1).
 
     Raises:
-        UserError: names the key and the value.
+        ArgumentError: names the argument and the value.
     """
     if not 0 < share < 1:
-        raise UserError(f"{key}={share} must lie between 0 and 1", f"For example {key}=0.1")
+        raise ArgumentError(f"{argument}={share} must lie between 0 and 1", f"For example {argument}=0.1")

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
@@ -33,9 +33,9 @@ class TopKInjection(Recovery):
     top: int = 10
 
     def __post_init__(self) -> None:
-        check_share("recovery.share", self.share)
+        check_share("share", self.share)
         if self.top < 1:
-            raise UserError(f"recovery.top={self.top} must be at least 1", "For example recovery.top=10")
+            raise ArgumentError(f"top={self.top} must be at least 1", "For example top=10")
 
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator

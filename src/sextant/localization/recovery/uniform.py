@@ -28,7 +28,7 @@ class UniformInjection(Recovery):
     share: float = 0.05
 
     def __post_init__(self) -> None:
-        check_share("recovery.share", self.share)
+        check_share("share", self.share)
 
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.models.pooling.pooling import Pooling
 
 INITIAL_STD = 0.02
@@ -69,10 +69,10 @@ class FeatureMixer(Pooling):
         super().__init__(channels, size, out_channels * out_rows)
         for name, value in (("out_channels", out_channels), ("out_rows", out_rows), ("depth", depth)):
             if value < 1:
-                raise UserError(f"pooling.{name}={value} must be at least 1", f"For example pooling.{name}=4")
+                raise ArgumentError(f"{name}={value} must be at least 1", f"For example {name}=4")
         cells = size[0] * size[1]
         if not 1 <= cells * ratio < float("inf"):
-            raise UserError(f"pooling.ratio={ratio} leaves no hidden unit for {cells} cells", "pooling.ratio=1")
+            raise ArgumentError(f"ratio={ratio} leaves no hidden unit for {cells} cells", "ratio=1")
         self.mix = nn.Sequential(*[MixerBlock(cells, int(cells * ratio)) for _ in range(depth)])
         self.project_channels, self.project_cells = nn.Linear(channels, out_channels), nn.Linear(cells, out_rows)
 

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.models.pooling.pooling import Pooling
 
 SMALLEST_FEATURE = 1e-6
@@ -42,7 +42,7 @@ class GeM(Pooling):
     def __init__(self, channels: int, size: tuple[int, int], *, p: float = 3.0, train_p: bool = True):
         super().__init__(channels, size, channels)
         if not P_RANGE[0] <= p <= P_RANGE[1]:
-            raise UserError(f"pooling.p={p} must be in [{P_RANGE[0]:g}, {P_RANGE[1]:g}]", "pooling.p=3")
+            raise ArgumentError(f"p={p} must be in [{P_RANGE[0]:g}, {P_RANGE[1]:g}]", "p=3")
         self.p = nn.Parameter(torch.tensor(float(p)), requires_grad=train_p)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c"]:

@@ -23,7 +23,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.models.pooling.pooling import Pooling
 
 NEAREST_OVER_SECOND = 100.0
@@ -46,7 +46,7 @@ class NetVLAD(Pooling):
     def __init__(self, channels: int, size: tuple[int, int], *, clusters: int = 16):
         super().__init__(channels, size, channels * clusters)
         if clusters < 2:
-            raise UserError(f"pooling.clusters={clusters} must be at least 2", "For example pooling.clusters=16")
+            raise ArgumentError(f"clusters={clusters} must be at least 2", "For example clusters=16")
         self.centres = nn.Parameter(F.normalize(torch.randn(clusters, channels), dim=1))
         self.assignment = nn.Linear(channels, clusters)
         self._assign_to_centres(START_ALPHA)
