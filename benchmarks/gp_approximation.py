@@ -36,7 +36,6 @@ from scipy.stats import kendalltau
 
 from benchmarks.machine import describe_machine
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.families import family_of
 from sextant.config import validate
 from sextant.data.localization.datamodule import LocalizationDataModule
 from sextant.data.localization.drive import Drive
@@ -50,7 +49,8 @@ from sextant.localization.observation import ObservationModel, observation_model
 from sextant.localization.observation.prediction import Prediction
 from sextant.localization.observation.sgpr import SGPR
 from sextant.localization.pose_kernel import PoseKernel, Spatial
-from sextant.tasks.localization import as_tensor
+from sextant.recipes import recipe_of
+from sextant.tasks.localization.module import as_tensor
 
 OVERRIDES = ("task=localization", "dataset.every=4", "task.replay=false")
 STEPS, RATE = 60, 0.05
@@ -140,7 +140,7 @@ def read_floor(overrides: Sequence[str]) -> Floor:
     """Render or read the drives, describe their images, train the kernel."""
     raw = to_plain(compose([*OVERRIDES, *overrides]))
     config = validate(raw)
-    family = family_of("localization")
+    family = recipe_of("localization")
     data = family.data(raw, config, family.source(raw, config))
     assert isinstance(data, LocalizationDataModule)
     drives = data.drives

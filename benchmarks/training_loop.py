@@ -39,7 +39,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
 
 
 def _ours(raw: dict) -> float:
-    from sextant.cli.execute import execute
+    from sextant.lifecycle.execute import execute
     from sextant.runs.directory import RunDirectory
 
     return RunDirectory(execute(raw).directory).results()["timing"]["fit_s"]
@@ -47,12 +47,12 @@ def _ours(raw: dict) -> float:
 
 def _plain(raw: dict) -> float:
     """What ``fit`` does and nothing else: read the data, train, validate once an epoch."""
-    from sextant.cli.assemble import build
-    from sextant.cli.families import family_of
     from sextant.config import validate
+    from sextant.recipes import recipe_of
+    from sextant.recipes.assemble import build
 
     config = validate(raw)
-    family = family_of(config)
+    family = recipe_of(config)
     source = family.source(raw, config)
     began = time.monotonic()
     torch.manual_seed(config.seed)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.execute import execute
+from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 
 #: ten seconds or so

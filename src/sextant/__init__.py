@@ -13,5 +13,5 @@ __version__ = "0.1.0"
 def __getattr__(name: str) -> object:
     """``sextant.Localizer``, imported when it is asked for."""
     if name == "Localizer":
-        return getattr(import_module("sextant.localizer"), name)
+        return getattr(import_module("sextant.applications.localization.localizer"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,8 +9,8 @@ from PIL import Image
 
 from sextant.cli import evaluate, predict
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.execute import execute
 from sextant.errors import UserError
+from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 
 

@@ -11,9 +11,9 @@ from PIL import Image
 from support import quick_config
 
 from sextant.cli import evaluate, predict
-from sextant.cli.execute import execute
 from sextant.data.digits import Digits
 from sextant.errors import UserError
+from sextant.lifecycle.execute import execute
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory, all_runs
 
@@ -126,7 +126,7 @@ def test_weights_so_large_that_answers_are_no_numbers(trained, tmp_path):
 
 def test_a_run_is_not_resumed_from_a_damaged_checkpoint(tmp_path, monkeypatch):
     raw = quick_config(tmp_path, "tracking=none")
-    monkeypatch.setattr("sextant.cli.training._test", lambda *given: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr("sextant.lifecycle.training._test", lambda *given: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         execute(raw)
     (directory,) = all_runs(tmp_path)

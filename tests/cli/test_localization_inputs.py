@@ -9,11 +9,11 @@ from tiny_office import office_arguments, office_cache
 
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.console import reporting_mistakes
-from sextant.cli.execute import execute, run_digest
 from sextant.cli.train import preflight
 from sextant.config import validate
+from sextant.lifecycle.execute import execute, run_digest
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.localization import Localization
+from sextant.tasks.localization.module import Localization
 
 COUNT = 30
 

@@ -10,11 +10,11 @@ from support import as_published
 
 from sextant.cli import evaluate
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.execute import execute
-from sextant.cli.families import family_of
 from sextant.config import validate
 from sextant.errors import UserError
+from sextant.lifecycle.execute import execute
 from sextant.models import ResNetCifar
+from sextant.recipes import recipe_of
 from sextant.runs.directory import RunDirectory
 
 PLACES = {"train": 20, "val": 6, "test": 8}
@@ -137,7 +137,7 @@ def test_the_town_is_rendered_and_curves_are_drawn(trained):
 def test_nothing_is_trained_on_it(tmp_path):
     chosen = ["task=place_recognition", *TOWN, f"paths.outputs={tmp_path}", "tracking=none"]
     raw = to_plain(compose(chosen))
-    family, parsed = family_of("place_recognition"), validate(raw)
+    family, parsed = recipe_of("place_recognition"), validate(raw)
     with pytest.raises(UserError, match=r"is for tests.*\n.*evaluate\.py run=<run> dataset=town_factors"):
         family.check(family.source(raw, parsed))
 

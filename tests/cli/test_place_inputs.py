@@ -7,10 +7,10 @@ from data.places.place_pictures import write_pictures
 from sextant.cli import evaluate
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.console import reporting_mistakes
-from sextant.cli.execute import execute
 from sextant.cli.train import preflight
+from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.place_recognition import PlaceRecognition
+from sextant.tasks.places.module import PlaceRecognition
 
 SPLITS = ("train", "val", "test")
 LIGHTS = ("day", "night")

@@ -12,8 +12,8 @@ from tiny_office import office_run
 from sextant import Localizer
 from sextant.cli import predict
 from sextant.cli.localizing import written_files
-from sextant.cli.localizing.odometry_file import motions_of, read_odometry
 from sextant.cli.localizing.written_files import Replay
+from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.pose_formats import read_tum, write_tum
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose

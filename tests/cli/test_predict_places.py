@@ -15,19 +15,20 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from support import fill_disk
 
+from sextant.applications.places import describing, matching
+from sextant.applications.places.matching import match
+from sextant.applications.places.run_facts import Temperature
 from sextant.atomic_files import write_sealed_json
 from sextant.cli import predict
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.execute import execute
-from sextant.cli.place_matching import describing, gallery_pages, matching
+from sextant.cli.place_matching import gallery_pages
 from sextant.cli.place_matching.inputs import read_inputs
-from sextant.cli.place_matching.matching import match
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
 from sextant.cli.place_matching.predict import predict_places
-from sextant.cli.place_matching.run_facts import Temperature
 from sextant.data.places.decoded_images import ImageSize
 from sextant.errors import UserError
-from sextant.evaluation.positives import Positives
+from sextant.evaluation.places.positives import Positives
+from sextant.lifecycle.execute import execute
 from sextant.retrieval import FlatIndex
 from sextant.runs.checkpoint import KEY
 from sextant.runs.directory import RunDirectory
@@ -148,7 +149,7 @@ def test_a_checkpoint_without_its_run_gives_similarities_only(trained, tmp_path,
 
 
 def test_other_weights_of_the_run_do_not_take_its_temperature(trained, tmp_path):
-    from sextant.cli.place_matching.run_facts import run_temperature
+    from sextant.applications.places.run_facts import run_temperature
 
     _, run = trained
     assert run_temperature(FoundRun(run.last_checkpoint, run)).value is not None
@@ -195,7 +196,7 @@ def test_neither_depends_on_the_block(monkeypatch):
     reference, queries = (FlatIndex(rng.normal(size=(n, 8)).astype(np.float32)) for n in (30, 11))
     same = Positives.within_frames(np.arange(30), np.arange(30), 2)
     first = match(reference, queries, same, 3, temperature=0.2)
-    monkeypatch.setattr("sextant.cli.place_matching.matching.BLOCK", 61)
+    monkeypatch.setattr("sextant.applications.places.matching.BLOCK", 61)
     second = match(reference, queries, same, 3, temperature=0.2)
     np.testing.assert_allclose(first.confidence, second.confidence, atol=1e-6)
     np.testing.assert_allclose(first.margin, second.margin, atol=1e-6)

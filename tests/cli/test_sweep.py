@@ -7,11 +7,11 @@ import pytest
 
 from sextant.atomic_files import write_json
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.execute import run_digest
 from sextant.cli.sweep import run_sweep
 from sextant.cli.sweep_plan import make_plan
 from sextant.config import validate
 from sextant.errors import UserError
+from sextant.lifecycle.execute import run_digest
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import find_sweep, read_plan
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.cli.assemble import build, build_dataset
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.config_files import groups
-from sextant.cli.families.cosfire_checks import check_parts
 from sextant.cli.sweep_plan import cell_config, read_design
 from sextant.config import validate
 from sextant.config.schema import CosfireTask
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
+from sextant.recipes.assemble import build, build_dataset
+from sextant.recipes.cosfire_checks import check_parts
 from sextant.runs.outputs_folder import conf_dir
 from sextant.worlds.laser import LaserScanner
 from sextant.worlds.occupancy import occupancy_from_scans

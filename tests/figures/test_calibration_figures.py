@@ -9,13 +9,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from PIL import Image
 
+from sextant.evaluation.calibration.sparsification import sparsification
 from sextant.evaluation.conformal import coverage_curve
-from sextant.evaluation.sparsification import sparsification
-from sextant.figures.calibration_coverage import coverage_curves
-from sextant.figures.calibration_error_by_parameter import binned_quartiles, error_by_parameter
-from sextant.figures.calibration_scatter import predicted_against_true
-from sextant.figures.calibration_sheet import calibration_sheet
-from sextant.figures.calibration_sparsification import sparsification_curves
+from sextant.figures.calibration.coverage import coverage_curves
+from sextant.figures.calibration.error_by_parameter import binned_quartiles, error_by_parameter
+from sextant.figures.calibration.scatter import predicted_against_true
+from sextant.figures.calibration.sheet import calibration_sheet
+from sextant.figures.calibration.sparsification import sparsification_curves
 from sextant.figures.style import COLOURS, save_figure
 from sextant.geometry import CameraParameters
 

@@ -7,12 +7,12 @@ from matplotlib.colors import to_hex
 from PIL import Image
 from torch import nn
 
+from sextant.figures.classification.first_kernels import first_kernels
+from sextant.figures.classification.severity_curves import severity_curves
 from sextant.figures.confusion_matrix import confusion_matrix
 from sextant.figures.contact_sheet import contact_sheet
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
-from sextant.figures.first_kernels import first_kernels
 from sextant.figures.gallery import gallery
-from sextant.figures.severity_curves import severity_curves
 from sextant.figures.style import save_figure
 from sextant.layers import PushPullConv2d
 from sextant.models import LeNet

@@ -12,10 +12,10 @@ from PIL import Image
 
 from sextant.errors import UserError
 from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
-from sextant.figures.particle_map import ESTIMATE, TRUTH, ParticleFrame, particle_map
-from sextant.figures.particle_replay import _Gif, particle_replay
-from sextant.figures.success_curves import SuccessCurve, success_curves
-from sextant.figures.trajectory_errors import RunErrors, trajectory_errors
+from sextant.figures.localization.particle_map import ESTIMATE, TRUTH, ParticleFrame, particle_map
+from sextant.figures.localization.particle_replay import _Gif, particle_replay
+from sextant.figures.localization.success_curves import SuccessCurve, success_curves
+from sextant.figures.localization.trajectory_errors import RunErrors, trajectory_errors
 
 MAP = np.stack(np.meshgrid(np.linspace(0, 20, 30), np.linspace(0, 10, 20)), axis=-1).reshape(-1, 2)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sextant.atomic_files import write_json
-from sextant.evaluation.localization_success import share_of
+from sextant.evaluation.localization.success import share_of
 from sextant.reports.cell_tables import cells_table
 from sextant.reports.contrasts import contrasts
 from sextant.reports.measure import SUCCESS, measured

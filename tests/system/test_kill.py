@@ -14,7 +14,7 @@ import psutil
 import pytest
 from support import QUICK, heeds_ctrl_c, quick_config
 
-from sextant.cli.execute import execute
+from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.tracking.store import open_store
 
@@ -45,7 +45,7 @@ def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
     raw = quick_config(tmp_path / "killed", *overrides)
     expected = RunDirectory(execute(quick_config(tmp_path / "whole", *overrides)).directory).results()
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["sextant.cli.training", "sextant.tracking.mirror", "mlflow"])
+    context.set_forkserver_preload(["sextant.lifecycle.training", "sextant.tracking.mirror", "mlflow"])
     rng, kills = random.Random(0), 0
     for _ in range(5 * KILLS):
         process = context.Process(target=child, args=(raw,))

@@ -3,10 +3,10 @@
 import pytest
 from support import quick_config
 
-from sextant.cli.execute import execute
 from sextant.errors import UserError
+from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.classification import Classification
+from sextant.tasks.classification.module import Classification
 from sextant.tracking.mirror import refill
 from sextant.tracking.store import open_store
 

@@ -11,7 +11,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.assemble import build_dataset
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.config_files import groups, read_config_file
 from sextant.cli.console import console, key_value_table
@@ -19,6 +18,7 @@ from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
 from sextant.config import validate
 from sextant.errors import UserError
+from sextant.recipes.assemble import build_dataset
 from sextant.runs.outputs_folder import conf_dir
 
 if TYPE_CHECKING:

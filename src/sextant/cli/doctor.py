@@ -12,7 +12,7 @@ from sextant.cli.console import console
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
-    from sextant.evaluation.calibration_doctor import Crop, CrossTalk, Finding
+    from sextant.evaluation.calibration.doctor import Crop, CrossTalk, Finding
 
 USAGE = "sextant doctor calibration"
 
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _calibration() -> None:
-    from sextant.evaluation.calibration_doctor import examine
+    from sextant.evaluation.calibration.doctor import examine
 
     began = time.monotonic()
     crop, why_not = _crop()

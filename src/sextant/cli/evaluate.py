@@ -10,12 +10,12 @@ from hydra.errors import OverrideParseException
 
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.config_files import groups
-from sextant.cli.execute import OpenMirror, identity_of, run_once
-from sextant.cli.families import Source, family_of
 from sextant.cli.show import show_result
 from sextant.config import Config, digest, nearest
 from sextant.config.trained import trained_config
 from sextant.errors import UserError
+from sextant.lifecycle.execute import OpenMirror, identity_of, run_once
+from sextant.recipes import Source, recipe_of
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import FoundRun, resolve_run
@@ -41,15 +41,15 @@ def main(arguments: Sequence[str]) -> None:
         return
     reference, overrides = split_run(arguments, USAGE)
     found = resolve_run(reference, _outputs(overrides))
-    from sextant.cli.trained_model import read_trained
+    from sextant.recipes.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
 
     content = read_trained(found.checkpoint)
     raw, config = checkpoint_config(content[KEY], overrides)
-    family = family_of(config.task.name)
-    source = family.source(raw, config)
-    family.require_fit(raw, content[KEY]["spec"], source)
-    from sextant.cli.training import test_checkpoint
+    recipe = recipe_of(config.task.name)
+    source = recipe.source(raw, config)
+    recipe.require_fit(raw, content[KEY]["spec"], source)
+    from sextant.lifecycle.training import test_checkpoint
 
     key = _key(config, source, found)
 
@@ -99,7 +99,7 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
     except OverrideParseException:
         compose(overrides)  # names the one that cannot be parsed
         raise
-    settings = [f"task.{key}" for key in family_of(str(trained.get("task", {}).get("name"))).test_settings]
+    settings = [f"task.{key}" for key in recipe_of(str(trained.get("task", {}).get("name"))).test_settings]
     for override, text in zip(parsed, overrides, strict=True):
         group = _place(override)
         if group not in FREE and override.key_or_group not in settings:

@@ -15,7 +15,6 @@ from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
 from sextant.cli.cosfire_detection.inputs import read_inputs as read_detection_inputs
 from sextant.cli.cosfire_detection.options import KEYS as DETECTION_KEYS
-from sextant.cli.input_photos import find_photos
 from sextant.cli.localizing.options import KEYS as LOCALIZING_KEYS
 from sextant.cli.localizing.options import OUTPUT as LOCALIZATION_OUTPUT
 from sextant.cli.localizing.options import localization_map
@@ -26,6 +25,7 @@ from sextant.cli.photo_calibration.options import CalibrationOptions, options_fr
 from sextant.cli.place_matching.options import INPUTS as PLACE_INPUTS
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
 from sextant.data.image_folder import decode_square
+from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 from sextant.runs.resolve import FoundRun, resolve_run
 from sextant.tracking.environment import quiet_libraries
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str]) -> None:
     paths = find_photos(given["input"], output)
     _make(output)
     found = _find_run(given)
-    from sextant.cli.trained_model import read_trained
+    from sextant.recipes.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
 
     content = read_trained(found.checkpoint)
@@ -167,7 +167,7 @@ def _detect(given: Mapping[str, str]) -> None:
 
     network = None
     if "run" in given:
-        from sextant.cli.cosfire_detection.network import trained_features
+        from sextant.applications.detection.network import trained_features
 
         layer, trust = inputs.options.layer, given.get("trust") == "true"
         network = trained_features(given["run"], _outputs(given), layer, trust=trust)
@@ -194,10 +194,10 @@ def _calibrate(
     options: CalibrationOptions,
     trust: bool,
 ) -> None:
+    from sextant.applications.calibration.model import TrainedModel
     from sextant.cli.evaluate import checkpoint_config
-    from sextant.cli.photo_calibration.model import TrainedModel
     from sextant.cli.photo_calibration.predict import predict_calibrations
-    from sextant.cli.trained_model import model_from_checkpoint
+    from sextant.recipes.trained_model import model_from_checkpoint
     from sextant.runs.checkpoint import KEY
 
     raw, config = checkpoint_config(content[KEY], ["trust=true"] if trust else [])
@@ -214,20 +214,20 @@ def _match_places(given: Mapping[str, str]) -> None:
     inputs = read_inputs(given)
     _make(inputs.output)
     found = _find_run(given)
-    from sextant.cli.trained_model import read_trained
+    from sextant.recipes.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
 
     content = read_trained(found.checkpoint)
     trained = content[KEY]
     if trained["task"] != "place_recognition":
         raise UserError(f"map= belongs to place_recognition; this is a model of {trained['task']}", USAGE)
+    from sextant.applications.places.run_facts import run_facts, run_temperature
     from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.place_matching.predict import predict_places
-    from sextant.cli.place_matching.run_facts import run_facts, run_temperature
-    from sextant.cli.trained_model import model_from_checkpoint
     from sextant.config.schema import PlaceRecognitionTask
     from sextant.data.places.decoded_images import ImageSize
-    from sextant.tasks.place_network import TrainedPlaceNetwork
+    from sextant.recipes.trained_model import model_from_checkpoint
+    from sextant.tasks.places.network import TrainedPlaceNetwork
 
     raw, config = checkpoint_config(trained, ["trust=true"] if given.get("trust") == "true" else [])
     assert isinstance(config.task, PlaceRecognitionTask)
@@ -249,7 +249,7 @@ def _classify(
     import torch
 
     from sextant.cli.evaluate import checkpoint_config
-    from sextant.cli.families.classification import image_spec
+    from sextant.recipes.classification import image_spec
     from sextant.runs.checkpoint import KEY
 
     spec = image_spec(content[KEY]["spec"])
@@ -299,7 +299,7 @@ def _answering(
     raw: Mapping[str, Any], config: "Config", content: Mapping[str, Any], checkpoint: Path
 ) -> Callable[["Tensor"], tuple[str, "Tensor"]]:
     """What gives images (bytes) numbers for each class, with the name of such a number."""
-    from sextant.cli.trained_model import classifier_from_checkpoint, model_from_checkpoint
+    from sextant.recipes.trained_model import classifier_from_checkpoint, model_from_checkpoint
 
     if config.task.name == "cosfire":
         module = model_from_checkpoint(raw, config, content, checkpoint)

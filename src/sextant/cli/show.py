@@ -7,11 +7,11 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.assemble import part_name
 from sextant.cli.console import console, key_value_table, rows_table
-from sextant.cli.families import family_of
-from sextant.cli.published_figures import comparison, says
 from sextant.config import Config
+from sextant.lifecycle.published_figures import comparison, says
+from sextant.recipes import recipe_of
+from sextant.recipes.assemble import part_name
 from sextant.runs.directory import RunDirectory
 
 
@@ -32,7 +32,7 @@ def show_start(
     rows = {
         "task": config.task.name,
         "dataset": part_name(raw["dataset"]),
-        **family_of(config.task.name).summary(raw, config),
+        **recipe_of(config.task.name).summary(raw, config),
         **({"weights": says(published)} if published is not None else _training(raw, config)),
         "run": _shorter(directory.path),
     }
@@ -75,11 +75,11 @@ def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
     console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")
     console.print(f"figures    {run}/figures")
     if timing["fit_s"]:
-        family = family_of(task)
+        recipe = recipe_of(task)
         console.print(
-            f"evaluate   python evaluate.py run={run} {family.evaluation_example}\n"
-            f"predict    python predict.py run={run} {family.prediction_example} output=<folder>\n"
-            f"sweep      python train.py -m {family.sweep_example}\n"
+            f"evaluate   python evaluate.py run={run} {recipe.evaluation_example}\n"
+            f"predict    python predict.py run={run} {recipe.prediction_example} output=<folder>\n"
+            f"sweep      python train.py -m {recipe.sweep_example}\n"
             f"dashboard  make dashboard"
         )
 

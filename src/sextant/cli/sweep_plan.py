@@ -12,13 +12,13 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
 from sextant.cli.compose import compose, to_plain
-from sextant.cli.execute import run_key
-from sextant.cli.families import family_of
-from sextant.cli.families.cosfire_checks import answering_with_parts
 from sextant.cli.train import check_environment
 from sextant.config import Config, validate
 from sextant.config.schema import CosfireTask
 from sextant.errors import UserError
+from sextant.lifecycle.execute import run_key
+from sextant.recipes import recipe_of
+from sextant.recipes.cosfire_checks import answering_with_parts
 from sextant.runs.directory import claim
 from sextant.runs.sweep_directory import Cell, SweepPlan
 
@@ -94,7 +94,7 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
 def _over_seeds(
     design: Design, setting: dict[str, str], arm: str, overrides: list[str], raw: Mapping[str, Any], config: Config
 ) -> list[Planned]:
-    source, outputs, planned = family_of(config.task.name).source(raw, config), Path(config.paths.outputs), []
+    source, outputs, planned = recipe_of(config.task.name).source(raw, config), Path(config.paths.outputs), []
     follows_seed = any("${seed}" in override for override in overrides)
     for pair, number in enumerate(design.seeds):
         seed = number + design.arms[arm][1]

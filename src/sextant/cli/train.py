@@ -54,7 +54,7 @@ def preflight(overrides: Sequence[str]) -> None:
 
 def check_environment(raw: Mapping[str, Any], config: Config) -> None:
     """Whether the data is there, the output folder can be written to, and the tracking server answers."""
-    from sextant.cli.families import family_of
+    from sextant.recipes import recipe_of
     from sextant.tracking.store import require_server
 
     outputs = Path(config.paths.outputs)
@@ -68,8 +68,8 @@ def check_environment(raw: Mapping[str, Any], config: Config) -> None:
             f"paths.outputs={outputs} cannot be written to: {error.strerror}",
             "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
         ) from None
-    family = family_of(config.task.name)
-    family.check(family.source(raw, config))
+    recipe = recipe_of(config.task.name)
+    recipe.check(recipe.source(raw, config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
 
@@ -77,9 +77,9 @@ def check_environment(raw: Mapping[str, Any], config: Config) -> None:
 def run_config(config: DictConfig) -> dict[str, Any] | None:
     """What Hydra calls for every run: a single one ends the process, a cell of a sweep returns its outcome."""
     quiet_libraries()
-    from sextant.cli.execute import execute, execute_cell
     from sextant.cli.show import show_result
     from sextant.cli.workers import end_with_controller
+    from sextant.lifecycle.execute import execute, execute_cell
     from sextant.runs.directory import RunDirectory
 
     raw = to_plain(config)

@@ -8,7 +8,7 @@ import numpy as np
 from sextant.evaluation import BENCHMARK_15, CorruptionBaseline, CorruptionErrors, mean_interval, share_interval
 from sextant.reports.results import SweepResults
 from sextant.reports.shared_set import SharedSet
-from sextant.tasks.classification_report import BASELINES, SEVERITIES
+from sextant.tasks.classification.report import BASELINES, SEVERITIES
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 from sextant.evaluation import BENCHMARK_15, CorruptionErrors, mean_interval, share_interval
-from sextant.evaluation.calibration_summary import median_error
+from sextant.evaluation.calibration.summary import median_error
 from sextant.reports.shared_set import SharedSet
 
 Images = Float[ndarray, "images"]

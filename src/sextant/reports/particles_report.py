@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Int64
 from numpy import ndarray
 
-from sextant.evaluation.localization_success import Share, share_of
-from sextant.evaluation.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.localization.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.localization.success import Share, share_of
 from sextant.evaluation.protocols import ENOUGH_SUCCESS
-from sextant.figures.success_curves import SuccessCurve, success_curves
+from sextant.figures.localization.success_curves import SuccessCurve, success_curves
 from sextant.reports.contrasts import Sides, converged_pairs, dropped_pairs, named_contrasts
 from sextant.reports.measure import SUCCESS
 from sextant.reports.results import CellResult, SweepResults

@@ -8,8 +8,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from sextant.evaluation import SEEDS_FOR_A_CLAIM
+from sextant.figures.classification.severity_curves import severity_curves
 from sextant.figures.contrast_forest import ForestRow, contrast_forest
-from sextant.figures.severity_curves import severity_curves
 from sextant.figures.style import save_figure
 from sextant.reports.cell_tables import cells_legend, cells_table, runs_table, seed_rows
 from sextant.reports.contrasts import ContrastRow, contrasts

@@ -6,7 +6,7 @@ from PIL import Image
 from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.predict import predict_calibrations
 from sextant.geometry import CameraParameters, PerspectiveCamera
-from sextant.tasks.calibration import CalibrationPrediction
+from sextant.tasks.calibration.module import CalibrationPrediction
 
 SCALE = (0.02, 0.01, 0.03, 0.05)
 SPREAD = (0.2, 0.1, 0.3, 0.4)

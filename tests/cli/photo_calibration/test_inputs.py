@@ -1,7 +1,7 @@
 import pytest
 from cli.photo_calibration.fakes import calibrate, photo
 
-from sextant.cli.input_photos import find_photos
+from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from PIL import Image
 
 from sextant.cli.cosfire_detection.options import DetectionOptions, options_from
-from sextant.cli.input_photos import find_photos
+from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 
 ORIENTATION = 0x0112  # tag of EXIF; from 5 on, height and width change places

@@ -5,9 +5,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.cosfire_detection.detector import Detector
-from sextant.cli.cosfire_detection.filters import NETWORK_THRESHOLD, THRESHOLD, network_filter, preset_filter
-from sextant.cli.cosfire_detection.images import UprightImage, read_image
+from sextant.applications.detection.detector import Detector
+from sextant.applications.detection.filters import NETWORK_THRESHOLD, THRESHOLD, network_filter, preset_filter
+from sextant.applications.detection.images import UprightImage, read_image
 from sextant.cli.cosfire_detection.inputs import DetectionInputs, check_point
 from sextant.cli.cosfire_detection.options import PHOTO
 from sextant.cli.cosfire_detection.telling import tell
@@ -16,12 +16,12 @@ from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.file_names import file_stems
 from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
-from sextant.figures.cosfire_filter import cosfire_filter
-from sextant.figures.cosfire_responses import cosfire_responses
+from sextant.figures.cosfire.filter import cosfire_filter
+from sextant.figures.cosfire.responses import cosfire_responses
 from sextant.figures.style import save_figure
 
 if TYPE_CHECKING:
-    from sextant.cli.cosfire_detection.network import TrainedFeatures
+    from sextant.applications.detection.network import TrainedFeatures
 
 #: the prototype's picture; its name is one that later commands do not take for an input
 FILTER_PICTURE = "filter_overlay"

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from sextant.applications.localization.localizer import Localizer
 from sextant.cli.console import console
-from sextant.cli.localizing.frames import Photos, Video, find_frames
-from sextant.cli.localizing.odometry_file import OdometryFile, motions_of, read_odometry
 from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.localizing.written_files import Replay, Row, draw_trajectory, write_poses
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.work_progress import work_progress
+from sextant.data.localization.frames import Photos, Video, find_frames
+from sextant.data.localization.odometry_file import OdometryFile, motions_of, read_odometry
 from sextant.errors import UserError
-from sextant.localizer import Localizer
 
 #: of the images left out, so many are named
 NAMED = 5

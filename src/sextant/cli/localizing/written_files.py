@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.applications.localization.localizer import LocalizedPose
 from sextant.atomic_files import write_csv
 from sextant.data.localization.pose_formats import write_tum
-from sextant.figures.particle_map import ESTIMATE, ParticleFrame, draw_map, map_height
-from sextant.figures.particle_replay import particle_replay
+from sextant.figures.localization.particle_map import ESTIMATE, ParticleFrame, draw_map, map_height
+from sextant.figures.localization.particle_replay import particle_replay
 from sextant.figures.style import new_figure, save_figure
 from sextant.localization.belief import Belief
-from sextant.localizer import LocalizedPose
 
 COLUMNS = (
     "file", "x", "y", "heading_deg", "sigma_x", "sigma_y", "sigma_heading_deg", "mass", "modes", "lost", "error",

@@ -6,5 +6,5 @@ estimates are fused at fixed appearance: the apparent distortion ``k1 / f²`` an
 that k1 and tilt follow the new focal length.
 
 Nothing is imported here, and :mod:`~sextant.cli.photo_calibration.options` and
-:mod:`~sextant.cli.input_photos` import no torch: mistakes in a command are told at once.
+:mod:`~sextant.data.photo_files` import no torch: mistakes in a command are told at once.
 """

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sextant.applications.calibration.finding import LEVELS
 from sextant.atomic_files import write_csv, write_json
 from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.photo_calibration.finding import LEVELS
-from sextant.figures.calibration_overlay import CalibratedPhoto, calibration_sheet
+from sextant.figures.calibration.overlay import CalibratedPhoto, calibration_sheet
 from sextant.figures.style import save_figure
 
 COLUMNS = (

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sextant.cli.photo_calibration.finding import Finding
-from sextant.figures.calibration_overlay import CalibratedPhoto
+from sextant.applications.calibration.finding import Finding
+from sextant.figures.calibration.overlay import CalibratedPhoto
 
 
 def calibrated_photo(finding: Finding, image: np.ndarray, row: Mapping[str, Any]) -> CalibratedPhoto:

@@ -10,16 +10,16 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.applications.calibration.finding import Finding
+from sextant.applications.calibration.model import CalibrationModel
+from sextant.applications.calibration.rows import camera_row
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.drawing import calibrated_photo
 from sextant.cli.photo_calibration.file_names import file_stems
-from sextant.cli.photo_calibration.finding import Finding
-from sextant.cli.photo_calibration.model import CalibrationModel
 from sextant.cli.photo_calibration.options import CalibrationOptions
-from sextant.cli.photo_calibration.rows import camera_row
 from sextant.data.photos import Keep, read_photo, undistort_photo
-from sextant.figures.calibration_overlay import LONGEST_SIDE, CalibratedPhoto, calibration_overlay
+from sextant.figures.calibration.overlay import LONGEST_SIDE, CalibratedPhoto, calibration_overlay
 from sextant.figures.style import save_figure
 
 SHEET = 40  # photos on the contact sheet

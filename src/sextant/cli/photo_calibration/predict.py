@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sextant.applications.calibration.inference import find_cameras
+from sextant.applications.calibration.model import CalibrationModel
+from sextant.applications.calibration.one_camera import fuse_as_one_camera
+from sextant.applications.calibration.priors import use_prior
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.collected_files import write_collected
-from sextant.cli.photo_calibration.inference import find_cameras
-from sextant.cli.photo_calibration.model import CalibrationModel
-from sextant.cli.photo_calibration.one_camera import fuse_as_one_camera
 from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.photo_files import write_photos
-from sextant.cli.photo_calibration.priors import use_prior
 from sextant.cli.photo_calibration.telling import tell
 from sextant.errors import UserError
 

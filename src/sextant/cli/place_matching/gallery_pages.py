@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from sextant.applications.places.describing import DescribedPhotos, Progress, upright_size
+from sextant.applications.places.known_places import KnownPlaces
 from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.place_matching.describing import DescribedPhotos, Progress, upright_size
-from sextant.cli.place_matching.known_places import KnownPlaces
 from sextant.data.places.image_files import decode_image
-from sextant.figures.retrieval_gallery import Retrieved, retrieval_gallery
+from sextant.figures.places.retrieval_gallery import Retrieved, retrieval_gallery
 from sextant.figures.style import save_figure
 
 QUERIES, ON_A_PAGE = 40, 8

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.cli.input_photos import find_photos
 from sextant.cli.place_matching.options import PlaceOptions, options_from
+from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 
-#: what a folder of descriptors has; see :mod:`~sextant.cli.place_matching.saved_map`
+#: what a folder of descriptors has; see :mod:`~sextant.applications.places.saved_map`
 HEADER = "map.json"
 
 

@@ -4,21 +4,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sextant.cli.place_matching import telling
-from sextant.cli.place_matching.describing import (
+from sextant.applications.places.describing import (
     LARGEST_STRETCH,
     DescribedPhotos,
     PlaceDescriber,
     describe_photos,
 )
+from sextant.applications.places.known_places import KnownPlaces, check_truth, known_places
+from sextant.applications.places.matching import check_rides, match
+from sextant.applications.places.rows import counts, query_rows
+from sextant.applications.places.run_facts import Temperature
+from sextant.applications.places.saved_map import load_map, save_map
+from sextant.cli.place_matching import telling
 from sextant.cli.place_matching.gallery_pages import write_gallery
 from sextant.cli.place_matching.inputs import PhotoFolder, PlaceInputs, refuse_overlap
-from sextant.cli.place_matching.known_places import KnownPlaces, check_truth, known_places
-from sextant.cli.place_matching.matching import check_rides, match
 from sextant.cli.place_matching.options import PlaceOptions
-from sextant.cli.place_matching.rows import counts, query_rows
-from sextant.cli.place_matching.run_facts import Temperature
-from sextant.cli.place_matching.saved_map import load_map, save_map
 from sextant.cli.place_matching.written_files import write_matches
 from sextant.cli.work_progress import work_progress
 

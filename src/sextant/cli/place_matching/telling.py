@@ -6,8 +6,8 @@ from typing import Any
 
 from rich.markup import escape
 
+from sextant.applications.places.describing import DescribedPhotos
 from sextant.cli.console import console, rows_table
-from sextant.cli.place_matching.describing import DescribedPhotos
 from sextant.data.places.problem_list import NAMED, problem_list
 
 #: what a confidence is worth, in the terminal and in matches.json

@@ -2,11 +2,11 @@
 
 from typing import Annotated
 
-from sextant.config.schema.image_datasets import CIFAR10, MNIST, Digits, FashionMNIST, ImageFolder
-from sextant.config.schema.localization_datasets import PoseFolder
-from sextant.config.schema.panorama_datasets import PanoramaFolder, PanoramaMix, TownPanoramas
+from sextant.config.schema.calibration.datasets import PanoramaFolder, PanoramaMix, TownPanoramas
+from sextant.config.schema.classification.datasets import CIFAR10, MNIST, Digits, FashionMNIST, ImageFolder
+from sextant.config.schema.localization.datasets import PoseFolder
 from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart
-from sextant.config.schema.place_datasets import Nordland, PlaceFolders
+from sextant.config.schema.places.datasets import Nordland, PlaceFolders
 from sextant.config.schema.world_datasets import OfficeWalk, TownCity, TownFactors, TownSeasons
 
 Dataset = Annotated[

@@ -2,9 +2,9 @@
 
 from typing import Annotated
 
-from sextant.config.schema.cameras import BearingLoss, ParameterLoss
+from sextant.config.schema.calibration.cameras import BearingLoss, ParameterLoss
 from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart
-from sextant.config.schema.places import (
+from sextant.config.schema.places.parts import (
     ContrastiveLoss,
     InfoNCELoss,
     MultiSimilarityLoss,

@@ -4,14 +4,14 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from sextant.config.schema.augmentations import Augmentation
-from sextant.config.schema.cameras import BearingLoss, Parameterization, ParameterLoss, Sampling
-from sextant.config.schema.corruptions import CorruptionSuite, TestConditions
-from sextant.config.schema.cosfire import Bank, Features, Filters, Strategy
+from sextant.config.schema.calibration.cameras import BearingLoss, Parameterization, ParameterLoss, Sampling
+from sextant.config.schema.classification.augmentations import Augmentation
+from sextant.config.schema.classification.corruptions import CorruptionSuite, TestConditions
+from sextant.config.schema.cosfire.parts import Bank, Features, Filters, Strategy
 from sextant.config.schema.datasets import Dataset
 from sextant.config.schema.environment import Paths, Tracking, Trainer
-from sextant.config.schema.faults import Fault, FaultSuite
-from sextant.config.schema.localization import (
+from sextant.config.schema.localization.faults import Fault, FaultSuite
+from sextant.config.schema.localization.parts import (
     Descriptor,
     Likelihood,
     Motion,
@@ -24,7 +24,7 @@ from sextant.config.schema.losses import Loss
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.optimization import Optimizer, Schedule
 from sextant.config.schema.parts import CustomPart, Node, Part, Seed
-from sextant.config.schema.places import PLACE_LOSSES, Mining, Pooling
+from sextant.config.schema.places.parts import PLACE_LOSSES, Mining, Pooling
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task
 

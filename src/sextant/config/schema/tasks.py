@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from sextant.config.schema.parts import Count, Node, Positive, Seed, Share, distinct
-from sextant.config.schema.places import OffTheShelf, PlaceAugmentation, ToleranceByUnit, Whitening
+from sextant.config.schema.places.parts import OffTheShelf, PlaceAugmentation, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
 
 RecognitionMethod = Literal[

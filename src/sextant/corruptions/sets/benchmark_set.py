@@ -12,7 +12,7 @@ BENCHMARK_15, EXTRA_4 = "benchmark15", "extra4"
 
 
 @dataclass(frozen=True)
-class Family:
+class Recipe:
     """One corruption of a set.
 
     Args:
@@ -56,7 +56,7 @@ class BenchmarkSet:
 
     key: str
     title: str
-    families: Mapping[str, Family]
+    families: Mapping[str, Recipe]
     groups: Mapping[str, tuple[str, ...]]
     baseline: str
     image_size: int

@@ -6,7 +6,7 @@ Source: N. Mu and J. Gilmer, "MNIST-C: a robustness benchmark for computer visio
 
 from dataclasses import replace
 
-from sextant.corruptions.sets.benchmark_set import BENCHMARK_15, BenchmarkSet, Family
+from sextant.corruptions.sets.benchmark_set import BENCHMARK_15, BenchmarkSet, Recipe
 from sextant.corruptions.sets.imagenet_c import IMAGENET_FAMILIES as SHARED
 
 ONE = ((),)  # a corruption without parameters has one severity
@@ -16,17 +16,17 @@ _FAMILIES = {
     "impulse_noise": replace(SHARED["impulse_noise"], published=(4,)),
     "glass_blur": replace(SHARED["glass_blur"], published=(1,), options={"chance": 0.5}, quirks={"down_only": True}),
     "motion_blur": replace(SHARED["motion_blur"], published=(1,)),
-    "shear": Family("shapes.shear.Shear", (0.2, 0.4, 0.6, 0.8, 1.0), (2,)),
-    "scale": Family("shapes.scale.Scale", (1 / 0.9, 1 / 0.8, 1 / 0.7, 1 / 0.6, 1 / 0.5), (3,)),
-    "rotate": Family("shapes.rotate.Rotate", (0.2, 0.4, 0.6, 0.8, 1.0), (2,)),
+    "shear": Recipe("shapes.shear.Shear", (0.2, 0.4, 0.6, 0.8, 1.0), (2,)),
+    "scale": Recipe("shapes.scale.Scale", (1 / 0.9, 1 / 0.8, 1 / 0.7, 1 / 0.6, 1 / 0.5), (3,)),
+    "rotate": Recipe("shapes.rotate.Rotate", (0.2, 0.4, 0.6, 0.8, 1.0), (2,)),
     "brightness": replace(SHARED["brightness"], published=(5,)),
-    "translate": Family("shapes.translate.Translate", (1, 2, 3, 4, 5), (3,)),
-    "stripe": Family("shapes.stripe.Stripe", ONE, (1,)),
+    "translate": Recipe("shapes.translate.Translate", (1, 2, 3, 4, 5), (3,)),
+    "stripe": Recipe("shapes.stripe.Stripe", ONE, (1,)),
     "fog": replace(SHARED["fog"], published=(5,)),
     "spatter": replace(SHARED["spatter"], published=(4,)),
-    "dotted_line": Family("shapes.dotted_line.DottedLine", ONE, (1,)),
-    "zigzag": Family("shapes.zigzag.Zigzag", ONE, (1,)),
-    "canny_edges": Family("shapes.canny_edges.CannyEdges", ONE, (1,)),
+    "dotted_line": Recipe("shapes.dotted_line.DottedLine", ONE, (1,)),
+    "zigzag": Recipe("shapes.zigzag.Zigzag", ONE, (1,)),
+    "canny_edges": Recipe("shapes.canny_edges.CannyEdges", ONE, (1,)),
 }
 
 MNIST_C = BenchmarkSet(

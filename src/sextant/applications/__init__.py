@@ -1,0 +1,1 @@
+"""What a person does with a trained model: calibrate photos, recognise places, localize, detect, classify."""

@@ -1,0 +1,39 @@
+"""How far a camera can be trusted, and why not further."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sextant.applications.calibration.finding import VERDICTS, Finding
+
+GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % trained on
+NAMES = ("tilt", "roll", "field of view", "apparent distortion")
+
+
+def confidence(finding: Finding, spread: Sequence[float]) -> dict[str, Any]:
+    """A verdict and its reasons: the worse of the widths of the intervals and of the finding's doubts.
+
+    Args:
+        finding: the camera.
+        spread: half the width of the central 68 % of tilt, roll, vfov (radians) and k1_hat that was trained on: an
+            interval as wide tells no more than that training knew.
+    """
+    ratios = finding.half["68"] / np.asarray(spread)
+    verdict, reasons = 0, []
+    for i, (name, ratio) in enumerate(zip(NAMES, ratios, strict=True)):
+        if ratio > GOOD:
+            verdict = max(verdict, 2 if ratio > TRUSTWORTHY else 1)
+            half, known, unit = finding.half["68"][i], spread[i], ""
+            if i < 3:
+                half, known, unit = math.degrees(half), math.degrees(known), "°"
+            wider = "wider than the" if ratio > TRUSTWORTHY else "more than half of the"
+            reasons.append(
+                f"{name}: 68 % interval ±{half:.2g}{unit}, {wider} ±{known:.2g}{unit} of all cameras trained on"
+            )
+    for worst, text in finding.doubts:
+        verdict = max(verdict, worst)
+        reasons.append(text)
+    return {"verdict": VERDICTS[verdict], "width_over_training_spread": dict(zip(NAMES, ratios.tolist(), strict=True)),
+            "reasons": reasons}  # fmt: skip

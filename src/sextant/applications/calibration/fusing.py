@@ -1,0 +1,41 @@
+r"""A photo's focal length and distortion as numbers that can be fused, and what is fused as its camera.
+
+With the longer side of the original as unit, photos of one camera, upright or not, scaled or not, share
+:math:`\log f` and :math:`\hat k_1 = k_1 / f^2`. Their standard errors are half the 68 % intervals; with
+:math:`f = 1 / (2 \tan(v / 2))` in image heights, :math:`|d \log f / d v| = (4 f^2 + 1) / (4 f)`.
+"""
+
+import math
+
+import numpy as np
+import torch
+
+from sextant.applications.calibration.finding import LEVELS, Finding
+from sextant.evaluation.calibration.fusion import Fusion
+from sextant.geometry import CameraParameters, k2_of_k1, rho_from_tilt, tilt_from_rho
+
+
+def estimate(finding: Finding) -> tuple[np.ndarray, np.ndarray]:
+    """Log of the focal length and k1_hat in units of the longer side, with standard errors: half the 68 % intervals."""
+    focal, zoom = float(finding.camera.focal), finding.side / finding.view.height
+    per_vfov = (4 * focal * focal + 1) / (4 * focal)  # |d ln f / d vfov|
+    k1_hat = float(finding.camera.k1) / focal**2
+    sigma_vfov, sigma_k1_hat = finding.half["68"][2:]
+    sigmas = np.array([sigma_vfov * per_vfov, sigma_k1_hat * zoom**2])
+    return np.array([math.log(focal / zoom), k1_hat * zoom**2]), np.maximum(sigmas, 1e-9)
+
+
+def adopt(finding: Finding, fusion: Fusion, basis: str) -> None:
+    """Put a fused focal length and distortion into a finding, at the same horizon as seen in the picture."""
+    zoom = finding.side / finding.view.height
+    old = finding.camera
+    focal = torch.tensor(math.exp(fusion.values[0]) * zoom, dtype=torch.float64)
+    k1 = fusion.values[1] / zoom**2 * focal.square()
+    rho = rho_from_tilt(old.tilt, old.focal, old.k1, finding.k2)
+    tilt = tilt_from_rho(rho, focal, k1, k2_of_k1(k1, finding.family))
+    per_log_focal = 4 * float(focal) / (4 * float(focal) ** 2 + 1)
+    finding.camera = CameraParameters(tilt, old.roll, focal, k1)
+    for name, (_, multiple) in LEVELS.items():
+        fused = fusion.sigmas * multiple * np.array([per_log_focal, zoom**-2])
+        finding.half[name] = np.concatenate([finding.half[name][:2], fused])
+    finding.basis = basis

@@ -1,0 +1,1 @@
+"""Detection of what one example shows, by COSFIRE filters."""

@@ -1,0 +1,70 @@
+"""The features of a trained network that a filter looks at."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from sextant.errors import UserError
+from sextant.models import FeatureMap
+from sextant.recipes.trained_model import model_from_checkpoint, read_trained
+from sextant.runs.checkpoint import KEY
+from sextant.runs.resolve import resolve_run
+
+TASKS = ("classification", "place_recognition")
+
+
+@dataclass(frozen=True)
+class TrainedFeatures:
+    """A layer of a trained network.
+
+    Attributes:
+        features: maps images in [0, 1] to its feature map.
+        size: channels of the map.
+        channels: of the images.
+        facts: which run, checkpoint and layer, for the files that are written.
+    """
+
+    features: nn.Module
+    size: int
+    channels: int
+    facts: Mapping[str, Any]
+
+
+def trained_features(reference: str, outputs: Path, layer: str | None, *, trust: bool) -> TrainedFeatures:
+    """The features of a run of classification or place recognition.
+
+    Args:
+        reference: the run, see :func:`~sextant.runs.resolve.resolve_run`.
+        outputs: folder of runs.
+        layer: whose output the features are; None is the one that descriptors of places are made of, or the last map
+            of a classifier where that has a usual name.
+        trust: build parts of the user's own that the checkpoint names.
+
+    Raises:
+        UserError: there is no such run or layer (those there are, are listed), or its task has no such network.
+    """
+    from sextant.cli.evaluate import checkpoint_config
+
+    found = resolve_run(reference, outputs)
+    content = read_trained(found.checkpoint)
+    trained = content[KEY]
+    if trained["task"] not in TASKS:
+        raise UserError(
+            f"run={reference} is a model of {trained['task']}; features are taken from {' or '.join(TASKS)}",
+            "Name such a run, or leave run= out: preset= needs none.",
+        )
+    raw, config = checkpoint_config(trained, ["trust=true"] if trust else [])
+    network = model_from_checkpoint(raw, config, content, found.checkpoint).network
+    spec = trained["spec"]
+    before: nn.Module = nn.Identity()
+    if trained["task"] == "place_recognition":
+        before, network = network.standardize, network.backbone
+        if isinstance(network, FeatureMap):  # one within another would never see its layer
+            layer, network = layer or network.layer, network.network
+    features = FeatureMap(network, spec["channels"], (spec["height"], spec["width"]), layer=layer)
+    whole = nn.Sequential(before, features).eval().requires_grad_(False)
+    facts = {"run": reference, "sha256": found.identity, "task": trained["task"], "layer": features.layer}
+    return TrainedFeatures(whole, features.channels, spec["channels"], facts)

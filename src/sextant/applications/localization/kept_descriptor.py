@@ -1,0 +1,166 @@
+"""The descriptor of a map, kept beside it: what gives an image its vector, wherever the folder is moved.
+
+``descriptor.json`` tells a class of :mod:`sextant.baselines` with its arguments, or the config of a trained network;
+``descriptor.safetensors`` holds the arrays it learnt. Nothing is pickled, and the header has the hash of the arrays.
+"""
+
+import copy
+import hashlib
+import inspect
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Float64, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.atomic_files import read_json, write_atomically, write_json
+from sextant.baselines import Hog, PatchNormalised, Pixels, PlaceDescriptor, WhitenedPCA
+from sextant.errors import UserError
+
+HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
+FORMAT, VERSION = "sextant.map_descriptor", 1
+BASELINES: dict[str, type[PlaceDescriptor]] = {c.__name__: c for c in (Hog, PatchNormalised, Pixels, WhitenedPCA)}
+WHITENER = "whitener of the map"  # no module has a name with blanks
+COMPONENTS = ("components_", "mean_", "explained_variance_")
+
+
+class Describes(Protocol):
+    """Gives images their vectors."""
+
+    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+        """Descriptors of a few images."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeptDescriptor:
+    """A descriptor with all that is needed to make it again.
+
+    Attributes:
+        describer: that it is; None where vectors come from elsewhere.
+        facts: how it is made again, as plain values; of ``kind`` baseline, network, or none: it cannot be.
+        arrays: what it learnt.
+        whitener: that vectors are multiplied by before they are compared; None for none.
+    """
+
+    describer: Describes | None = None
+    facts: dict[str, Any] = field(default_factory=lambda: {"kind": "none"})
+    arrays: dict[str, Tensor] = field(default_factory=dict)
+    whitener: Float64[Tensor, "d d"] | None = None
+
+    @property
+    def identity(self) -> str:
+        """Changes when descriptors would."""
+        return _identity(self.facts, self._packed())
+
+    def _packed(self) -> bytes:
+        from safetensors.torch import save
+
+        arrays = dict(self.arrays) if self.whitener is None else {**self.arrays, WHITENER: self.whitener}
+        # clones: views of one storage, which networks have, would be refused
+        return save({name: tensor.detach().cpu().clone().contiguous() for name, tensor in sorted(arrays.items())})
+
+    def save(self, folder: Path) -> None:
+        """Write both files; the header last.
+
+        Raises:
+            OSError: the folder cannot be written to.
+        """
+        (folder / HEADER).unlink(missing_ok=True)
+        packed = self._packed()
+        write_atomically(folder / ARRAYS, lambda file: file.write(packed))
+        marks = {"sha256": hashlib.sha256(packed).hexdigest(), "identity": _identity(self.facts, packed)}
+        write_json(folder / HEADER, {"format": FORMAT, "version": VERSION, **marks, "facts": self.facts})
+
+
+def kept_baseline(descriptor: Describes) -> KeptDescriptor:
+    """A training-free descriptor, fitted to the map; or one of the user's own, which cannot be kept."""
+    name = type(descriptor).__name__
+    if BASELINES.get(name) is not type(descriptor):
+        return KeptDescriptor(descriptor)
+    arguments = {key: getattr(descriptor, key) for key in inspect.signature(type(descriptor)).parameters}
+    arrays: dict[str, Tensor] = {}
+    if isinstance(descriptor, WhitenedPCA):
+        arrays = {key: torch.from_numpy(np.array(getattr(descriptor.pca_, key), order="C")) for key in COMPONENTS}
+        descriptor = copy.copy(descriptor)  # in the very layout that a file will give it: sums then round alike
+        descriptor.pca_ = _pca(descriptor.dimensions, arrays)
+    return KeptDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
+
+
+def kept_network(checkpoint: Path, *, trust: bool = False) -> KeptDescriptor:
+    """The network of a run of place recognition.
+
+    Raises:
+        UserError: the checkpoint cannot be read or is of another task, or needs code of the user's own.
+    """
+    from sextant.runs.checkpoint import KEY, load_checkpoint
+
+    content = load_checkpoint(checkpoint)
+    trained = {key: content[KEY][key] for key in ("config", "spec", "task")}
+    sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
+    return _network(
+        {"kind": "network", "checkpoint_sha256": sha256, **trained}, content["state_dict"], checkpoint, trust
+    )
+
+
+def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
+    """What :meth:`KeptDescriptor.save` wrote.
+
+    Raises:
+        UserError: a file is missing or damaged, or the network needs code of the user's own and ``trust`` is false.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    header = read_json(folder / HEADER)
+    if not isinstance(header, dict) or header.get("format") != FORMAT or header.get("version") != VERSION:
+        raise _damaged(folder, f"{HEADER} is missing, or is not the header of a descriptor")
+    try:
+        packed, facts = (folder / ARRAYS).read_bytes(), header["facts"]
+        if hashlib.sha256(packed).hexdigest() != header["sha256"]:  # before anything of it is interpreted
+            raise _damaged(folder, f"{ARRAYS} is not the file that {HEADER} was written for")
+        if _identity(facts, packed) != header["identity"]:
+            raise _damaged(folder, f"{HEADER} was changed")
+        arrays = load(packed)
+        whitener = arrays.pop(WHITENER, None)
+        if facts["kind"] == "none":
+            return KeptDescriptor(None, facts, arrays, whitener)
+        if facts["kind"] == "network":
+            return replace(_network(facts, arrays, folder / ARRAYS, trust), whitener=whitener)
+        descriptor = BASELINES[facts["class"]](**facts["arguments"])
+        if isinstance(descriptor, WhitenedPCA):
+            descriptor.pca_ = _pca(descriptor.dimensions, arrays)
+        return KeptDescriptor(descriptor, facts, arrays, whitener)
+    except (OSError, KeyError, TypeError, ValueError, SafetensorError) as error:
+        raise _damaged(folder, f"{HEADER} and {ARRAYS} do not make a descriptor: {error}") from error
+
+
+def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, trust: bool) -> KeptDescriptor:
+    from sextant.applications.localization.place_network import trained_place_network
+
+    network = trained_place_network(facts, weights, facts["checkpoint_sha256"], file, trust=trust)
+    return KeptDescriptor(network, facts, dict(weights))
+
+
+def _pca(dimensions: int, arrays: Mapping[str, Tensor]) -> Any:
+    from sklearn.decomposition import PCA
+
+    pca = PCA(dimensions, whiten=True)
+    for name in COMPONENTS:
+        setattr(pca, name, arrays[name].numpy().copy())
+    pca.n_components_ = dimensions
+    return pca
+
+
+def _identity(facts: Mapping[str, Any], packed: bytes) -> str:
+    told = json.dumps(json.loads(json.dumps(facts, default=str)), sort_keys=True).encode()  # as a file would tell it
+    return hashlib.sha256(told + b"\0" + hashlib.sha256(packed).digest()).hexdigest()
+
+
+def _damaged(folder: Path, how: str) -> UserError:
+    return UserError(f"the descriptor in {folder} is damaged: {how}", "Save the map anew, or copy it again.")

@@ -1,0 +1,347 @@
+"""Where a robot is, live: images and odometry go in one after the other, poses with their uncertainty come out.
+
+>>> localizer = Localizer.load("outputs/runs/localization/1a2b3c4d-s0")  # doctest: +SKIP
+>>> for motion, image in robot:  # doctest: +SKIP
+...     told = localizer.step(motion, image)
+...     print(told.pose, told.sigmas, told.lost)
+
+The map may also be made of arrays, with :meth:`Localizer.from_images`, and saved with :meth:`Localizer.save`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.applications.localization.kept_descriptor import Describes, KeptDescriptor
+from sextant.applications.localization.kept_filter import usual_filter
+from sextant.applications.localization.localizer_folder import described_map, open_localizer, save_localizer
+from sextant.errors import UserError
+from sextant.evaluation.protocols import MODE_MASS
+from sextant.localization.belief import Belief
+from sextant.localization.descriptor_map import DescriptorMap
+from sextant.localization.estimate import estimate
+from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.motion import MotionModel
+from sextant.localization.observation import ObservationModel
+from sextant.localization.particle_filter import FilterState, ParticleFilter
+from sextant.localization.pose_kernel import PoseKernel
+from sextant.localization.recovery import Recovery
+
+#: how independent one image's evidence is taken to be, where no traverse tells
+TEMPERING = 0.125
+#: the kernel is fitted to at most so many images of a map, evenly spaced
+FITTED_TO = 600
+LEARNING_RATE = 0.05
+STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
+Start = Literal["uniform", "appearance"] | Initialisation
+
+
+@dataclass(frozen=True, eq=False)
+class LocalizedPose:
+    """What is believed after a step.
+
+    Attributes:
+        pose: x, y in the unit of the map and heading in rad, of the heaviest mode.
+        covariance: of the particles in it.
+        mass: the share of the weight that it holds.
+        modes: how many there are.
+        lost: it holds less than half of the weight.
+        degenerate: no particle explained the image, which was dropped.
+    """
+
+    pose: Float64[ndarray, "3"]
+    covariance: Float64[ndarray, "3 3"]
+    mass: float
+    modes: int
+    lost: bool
+    degenerate: bool = False
+
+    @property
+    def sigmas(self) -> Float64[ndarray, "3"]:
+        """Standard deviations of x, y and heading."""
+        return np.asarray(np.sqrt(np.clip(self.covariance.diagonal(), 0.0, None)))
+
+
+class Localizer:
+    """A map, its sensor and a particle filter, for one robot.
+
+    Args:
+        model: fitted to the map's descriptors.
+        likelihood: with its calibration.
+        filter: its prior is the map's.
+        radius: of the mode that is told, in the unit of the map.
+        descriptor: of images; without it, steps take vectors.
+        image_size: height, width and channels of the map's images; None if it is not known.
+        unit: of positions.
+        particles: unless their number adapts.
+        start: where they are before the first image.
+        seed: of all random numbers.
+        facts: what else is kept with the map, as plain values.
+
+    Raises:
+        UserError: there is to be no particle, or there is no such start.
+    """
+
+    def __init__(
+        self,
+        model: ObservationModel,
+        likelihood: Likelihood,
+        filter: ParticleFilter,
+        *,
+        radius: float,
+        descriptor: KeptDescriptor | None = None,
+        image_size: tuple[int, int, int] | None = None,
+        unit: Literal["m", "frames"] = "m",
+        particles: int = 1000,
+        start: Start = "uniform",
+        seed: int = 0,
+        facts: dict[str, Any] | None = None,
+    ):
+        if particles < 1:
+            raise UserError(f"particles={particles} must be at least 1", "For example particles=1000")
+        if not isinstance(start, Initialisation) and start not in STARTS:
+            raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
+        self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
+        self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
+        self.particles, self.seed, self.facts = particles, seed, dict(facts or {})
+        self._start = start if isinstance(start, Initialisation) else STARTS[start]()
+        self.reset()
+
+    # -- live use ------------------------------------------------------------------------------------------------------
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget where the robot is: the next step is the first. With the same seed, all goes as it went before."""
+        self.seed = self.seed if seed is None else seed
+        self._generator = torch.Generator().manual_seed(self.seed)
+        self._state: FilterState | None = None
+
+    @torch.no_grad()
+    def step(
+        self,
+        motion: Sequence[float] | Float[ndarray, "3"] | None = None,
+        image: UInt8[ndarray, "h w *c"] | None = None,
+        descriptor: Float[ndarray, " d"] | None = None,
+    ) -> LocalizedPose:
+        """Move, look, and tell where the robot is.
+
+        Args:
+            motion: dx, dy in the unit of the map and dtheta in rad since the step before, in the robot's frame then.
+                None if it is unknown: particles then spread as the motion model says. Of the first step it is ignored.
+            image: bytes, of the size of the map's images; None if nothing is seen.
+            descriptor: of the image, in its place: as the map's were, before whitening.
+
+        Raises:
+            UserError: the motion is not three finite numbers, the image or descriptor is not like the map's, or the map
+                has no descriptor that images could be described with.
+        """
+        seen = self._seen(image, descriptor)
+        moved = _motion(motion)
+        evidence = None if seen is None else self.model.observe(seen[None], self.likelihood)
+        looked = torch.tensor([evidence is not None])
+        if self._state is None:
+            state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
+            weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
+            state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
+        else:
+            state, told = self.filter.step(self._state, moved[None], evidence, looked, self._generator)
+        self._state = state
+        found = estimate(state.belief, self.radius)
+        mass = float(found.mass[0])
+        return LocalizedPose(
+            found.pose[0].numpy(),
+            found.covariance[0].numpy(),
+            mass,
+            int(found.modes[0]),
+            mass < MODE_MASS,
+            bool(told.degenerate[0]),
+        )
+
+    @property
+    def belief(self) -> Belief:
+        """The weighted particles of the one run.
+
+        Raises:
+            UserError: no step was made since the last reset.
+        """
+        if self._state is None:
+            raise UserError("nothing is believed before the first step", "Call step(motion, image) first.")
+        return self._state.belief
+
+    def describe(self, image: UInt8[ndarray, "h w *c"]) -> Float32[ndarray, " d"]:
+        """The descriptor of an image, before whitening.
+
+        Raises:
+            UserError: the image is not like the map's, or the map has no descriptor.
+        """
+        if self.descriptor.describer is None:
+            raise UserError(
+                "the map was described by vectors from elsewhere, so images cannot be described",
+                "Give its vector: step(motion, descriptor=vector); or what describes it: load(folder, descriptor=...)",
+            )
+        pixels = image[..., None] if image.ndim == 2 else image
+        if pixels.dtype != np.uint8 or pixels.ndim != 3 or (self.image_size and pixels.shape != self.image_size):
+            size = "height x width x channels" if self.image_size is None else "x".join(map(str, self.image_size))
+            raise UserError(
+                f"the image is {image.dtype} {'x'.join(map(str, image.shape))}; the map's are uint8 {size}",
+                "Resize it as the map's images were.",
+            )
+        return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
+
+    def _seen(self, image: ndarray | None, descriptor: ndarray | None) -> Tensor | None:
+        if image is not None and descriptor is not None:
+            raise UserError("step() was given an image and a descriptor", "Give one of the two.")
+        if image is not None:
+            descriptor = self.describe(image)
+        if descriptor is None:
+            return None
+        row = torch.from_numpy(np.array(descriptor, np.float32, ndmin=1))
+        if row.ndim != 1 or not bool(row.isfinite().all()):
+            raise UserError(f"the descriptor, of shape {tuple(row.shape)}, is not one row of finite numbers")
+        self.model.check_dimension(row[None])
+        whitener = self.descriptor.whitener
+        return row if whitener is None else (row[None] @ whitener.to(row.dtype))[0]
+
+    # -- maps ----------------------------------------------------------------------------------------------------------
+
+    def save(self, folder: Path | str) -> None:
+        """Write the map with its descriptor and the filter's settings into a folder, without pickles.
+
+        Raises:
+            OSError: the folder cannot be written to.
+        """
+        save_localizer(self, Path(folder))
+
+    @classmethod
+    def load(
+        cls,
+        folder: Path | str,
+        run: Path | str | None = None,
+        *,
+        descriptor: Describes | None = None,
+        motion: MotionModel | None = None,
+        recovery: Recovery | None = None,
+        radius: float | None = None,
+        particles: int | None = None,
+        start: Start = "uniform",
+        seed: int = 0,
+        verify: bool = True,
+        trust: bool = False,
+    ) -> Self:
+        """Open the map of a run, one that was saved, or one that was made of a stream.
+
+        A map that :class:`~sextant.localization.tiled_map.TiledMapBuilder` made knows of no filter: it gets the one of
+        :meth:`from_images`, and takes vectors unless a descriptor is given.
+
+        Args:
+            folder: of the run, or of the map.
+            run: of place recognition, whose network is to describe images: to be sure that it is the map's.
+            descriptor: of images, for a map whose own could not be kept.
+            motion, recovery, radius: in place of the map's own.
+            particles: None for as many as the map was tested with.
+            start, seed: as for the class.
+            verify: compare the hashes of all files, which reads them once; their sizes are compared anyway.
+            trust: build parts of the user's own that a network's config names.
+
+        Raises:
+            UserError: there is no map, it is damaged, or its descriptors are of another run.
+        """
+        parts = open_localizer(
+            Path(folder), run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
+        )
+        given = {"radius": radius, "particles": particles}
+        parts |= {name: value for name, value in given.items() if value is not None}
+        return cls(**parts, start=start, seed=seed)
+
+    @classmethod
+    def from_images(
+        cls,
+        images: UInt8[ndarray, "n h w c"],
+        poses: Float[ndarray, "n 3"],
+        descriptor: Describes | str | Path | None = None,
+        *,
+        kernel: PoseKernel | None = None,
+        observation: ObservationModel | None = None,
+        likelihood: Likelihood | None = None,
+        motion: MotionModel | None = None,
+        recovery: Recovery | None = None,
+        radius: float = 1.0,
+        steps: int = 60,
+        merge_duplicates: bool = False,
+        particles: int = 1000,
+        start: Start = "uniform",
+        seed: int = 0,
+    ) -> Self:
+        """Make a map of images at known poses.
+
+        Args:
+            images: bytes.
+            poses: x, y in metres and heading in rad, counter-clockwise.
+            descriptor: one of :mod:`sextant.baselines`, a run of place recognition, or anything with ``describe``;
+                whitened principal components of 32x48 pixels unless given.
+            kernel: fitted unless given, by the joint likelihood of at most 600 of the images.
+            observation: to be fitted; the cached local Gaussian process unless given.
+            likelihood: with a tempering of 0.125 unless given: nothing here tells how much the world will change.
+            motion, recovery: of the filter.
+            radius: of the mode that is told, in metres.
+            steps: of the fit of the kernel.
+            merge_duplicates: images at one pose become one.
+            particles, start, seed: as for the class.
+
+        Raises:
+            UserError: the images and poses do not make a map.
+        """
+        kept, rows = described_map(images, poses, descriptor)
+        where = torch.from_numpy(np.array(poses, np.float64))
+        found = DescriptorMap.of(where, torch.from_numpy(rows), merge_duplicates=merge_duplicates)
+        if observation is None:
+            from sextant.localization.observation.cached_local_gp import CachedLocalGP
+
+            observation = CachedLocalGP(min(16, len(found)), map_evidence="mean")
+        model = observation.fit(found, kernel or _fitted_kernel(found, steps))
+        filter = usual_filter(found.poses, motion=motion, recovery=recovery)
+        return cls(
+            model,
+            likelihood or Likelihood(tempering=TEMPERING),
+            filter,
+            radius=radius,
+            descriptor=kept,
+            image_size=images.shape[1:],
+            particles=particles,
+            start=start,
+            seed=seed,
+        )
+
+
+def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
+    if motion is None:
+        return torch.full((3,), torch.nan, dtype=torch.float64)
+    moved = torch.from_numpy(np.array(motion, np.float64))
+    if moved.shape != (3,) or not bool(moved.isfinite().all()):
+        raise UserError(
+            f"motion={motion} must be three finite numbers: dx, dy, dtheta",
+            "Give None where odometry is missing.",
+        )
+    return moved
+
+
+def _fitted_kernel(found: DescriptorMap, steps: int) -> PoseKernel:
+    from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
+
+    rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, min(FITTED_TO, len(found))).astype(np.int64)))
+    poses, descriptors = found.poses[rows], found.descriptors[rows]
+    kernel = TrainableKernel.from_map(poses, descriptors)
+    optimizer = torch.optim.Adam(kernel.parameters(), lr=LEARNING_RATE)
+    for _ in range(steps):
+        optimizer.zero_grad()
+        loss = -joint_log_likelihood(kernel, poses, descriptors, found.mean) / descriptors.numel()
+        loss.backward()
+        optimizer.step()
+    return kernel.frozen()

@@ -1,0 +1,185 @@
+"""A localizer as a folder, and back; and the descriptors of images that a map is made of."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+from numpy import ndarray
+
+from sextant.applications.localization.kept_descriptor import (
+    Describes,
+    KeptDescriptor,
+    kept_baseline,
+    kept_network,
+    load_descriptor,
+)
+from sextant.applications.localization.kept_filter import filter_of, filter_values, usual_filter
+from sextant.baselines import PlaceDescriptor, WhitenedPCA
+from sextant.errors import UserError
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.motion import MotionModel
+from sextant.localization.observation import ObservationModel
+from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.recovery import Recovery
+from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+
+#: of a run's folder
+MAP = "map"
+DESCRIPTOR = "descriptor"
+#: of the mode that is told, for a map that names none: metres
+RADIUS = 1.0
+#: images described at a time
+BATCH = 512
+
+
+class Saveable(Protocol):
+    """What is kept of a :class:`sextant.Localizer`."""
+
+    model: ObservationModel
+    likelihood: Likelihood
+    filter: ParticleFilter
+    radius: float
+    unit: Literal["m", "frames"]
+    particles: int
+    image_size: tuple[int, int, int] | None
+    descriptor: KeptDescriptor
+    facts: dict[str, Any]
+
+
+def save_localizer(localizer: Saveable, folder: Path) -> None:
+    """Write the descriptor and then the map, whose header is last of all."""
+    (folder / HEADER).unlink(missing_ok=True)
+    localizer.descriptor.save(folder / DESCRIPTOR)
+    settings = {
+        "filter": filter_values(localizer.filter),
+        "radius": localizer.radius,
+        "unit": localizer.unit,
+        "particles": localizer.particles,
+        "image_size": localizer.image_size,
+        "descriptor": localizer.descriptor.identity,
+    }
+    save_map(folder, localizer.model, localizer.likelihood, {"localizer": settings, "about": localizer.facts})
+
+
+def map_folder(folder: Path) -> Path:
+    """The folder itself, or the map in it."""
+    return folder / MAP if not (folder / HEADER).is_file() and (folder / MAP / HEADER).is_file() else folder
+
+
+def open_localizer(
+    folder: Path,
+    *,
+    run: Path | str | None = None,
+    descriptor: Describes | None = None,
+    motion: MotionModel | None = None,
+    recovery: Recovery | None = None,
+    verify: bool = True,
+    trust: bool = False,
+) -> dict[str, Any]:
+    """The arguments of the ``Localizer`` that was saved; see :meth:`sextant.Localizer.load`."""
+    folder = map_folder(folder.expanduser())
+    saved = load_map(folder, verify=verify)
+    settings = saved.facts.get("localizer")
+    if settings is None:
+        return _without_settings(saved, folder, run, descriptor, motion, recovery)
+    if not isinstance(settings, dict):
+        raise UserError(f"the map in {folder} is damaged: the settings of its filter are none", "Save it anew.")
+    kept = load_descriptor(folder / DESCRIPTOR, trust=trust)
+    if kept.identity != settings.get("descriptor"):
+        raise UserError(
+            f"{folder / DESCRIPTOR} is not the descriptor that the map was made with",
+            "Copy the whole folder of the map, or save it anew.",
+        )
+    if run is not None:
+        _require_run(kept, run, folder)
+    if descriptor is not None:
+        if kept.describer is not None:
+            raise UserError(
+                f"the map in {folder} has a descriptor of its own ({kept.facts['kind']}), and another one is given",
+                "Leave out descriptor=, or make a map with it: Localizer.from_images",
+            )
+        kept = replace(kept, describer=descriptor)
+    try:
+        size = settings["image_size"]
+        return {
+            "model": saved.model,
+            "likelihood": saved.likelihood,
+            "filter": filter_of(settings["filter"], saved.model.map.poses, motion=motion, recovery=recovery),
+            "radius": float(settings["radius"]),
+            "descriptor": kept,
+            "image_size": None if size is None else tuple(int(side) for side in size),
+            "unit": settings["unit"],
+            "particles": int(settings["particles"]),
+            "facts": saved.facts.get("about", {}),
+        }
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(
+            f"the map in {folder} is damaged: the settings of its filter cannot be used: {error!r}", "Save it anew."
+        ) from error
+
+
+def _without_settings(
+    saved: SavedMap,
+    folder: Path,
+    run: Path | str | None,
+    descriptor: Describes | None,
+    motion: MotionModel | None,
+    recovery: Recovery | None,
+) -> dict[str, Any]:
+    """The arguments of a localizer in a map that was not saved by one."""
+    if run is not None:
+        raise UserError(f"run={run}: the map in {folder} does not tell what it was described with", "Leave out run=.")
+    return {
+        "model": saved.model,
+        "likelihood": saved.likelihood,
+        "filter": usual_filter(saved.model.map.poses, motion=motion, recovery=recovery),
+        "radius": RADIUS,
+        "descriptor": KeptDescriptor(descriptor),
+        "facts": saved.facts,
+    }
+
+
+def described_map(
+    images: UInt8[ndarray, "n h w c"], poses: Float[ndarray, "n 3"], descriptor: Describes | str | Path | None
+) -> tuple[KeptDescriptor, Float32[ndarray, "n d"]]:
+    """Descriptors of the images of a map, and the descriptor, which has learnt from them.
+
+    Raises:
+        UserError: there is not one pose for each image, they are no images, or too few for the descriptor.
+    """
+    if images.ndim != 4 or images.dtype != np.uint8 or images.shape[3] not in (1, 3) or not len(images):
+        raise UserError(
+            f"images are {images.dtype} {images.shape}; they must be uint8, n x height x width x 1 or 3",
+            "For example numpy.stack of photos of one size.",
+        )
+    if poses.shape != (len(images), 3):
+        raise UserError(
+            f"poses have shape {poses.shape} for {len(images)} images", "Give x, y and heading of each image."
+        )
+    if isinstance(descriptor, str | Path):
+        kept = kept_network(resolve_run(str(descriptor), default_outputs()).checkpoint)
+    else:
+        chosen = WhitenedPCA(32, 48, min(128, len(images) // 2)) if descriptor is None else descriptor
+        try:
+            if isinstance(chosen, PlaceDescriptor):
+                chosen.fit(images)
+        except ValueError as error:
+            raise UserError(f"descriptor: {error}", "Fewer dimensions, or a larger map.") from None
+        kept = kept_baseline(chosen)
+    assert kept.describer is not None
+    parts = [kept.describer.describe(images[start : start + BATCH]) for start in range(0, len(images), BATCH)]
+    return kept, np.ascontiguousarray(np.concatenate(parts), np.float32)
+
+
+def _require_run(kept: KeptDescriptor, run: Path | str, folder: Path) -> None:
+    found = resolve_run(str(run), default_outputs())
+    if kept.facts.get("checkpoint_sha256") != found.identity:
+        of = "of another run" if kept.facts["kind"] == "network" else f"no network's ({kept.facts['kind']})"
+        raise UserError(
+            f"run={run}: the descriptors of the map in {folder} are {of}, so its images cannot be compared with them",
+            f"Leave out run= to use the map's own descriptor, or build the map anew with descriptor=run:{run}",
+        )

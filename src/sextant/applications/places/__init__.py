@@ -1,0 +1,1 @@
+"""Photos looked up in a map of photos."""

@@ -1,0 +1,117 @@
+r"""The best matches of every query, how probable they are, and how clearly they stand out.
+
+With the similarities :math:`s_{ij}` of query i and map image j and the temperature T, the probability of the place of
+map image j is
+
+.. math:: \sum_{l \in \mathcal S_j} p(l \mid i), \qquad p(l \mid i) = \frac{e^{s_{il} / T}}{\sum_{l'} e^{s_{il'} / T}},
+
+over the map images :math:`\mathcal S_j` that show the same place as j, j among them. It supposes that the place of the
+query is in the map. The *margin* is the similarity of the best match less that of the best map image of another place.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.special import logsumexp
+
+from sextant.applications.places.describing import Progress
+from sextant.errors import UserError
+from sextant.evaluation.places.positives import Positives
+from sextant.retrieval import FlatIndex, Neighbours, SequenceMatches, match_sequences
+
+#: similarities that are held at a time: 16 MiB
+BLOCK = 2**22
+#: similarities of all pairs that sequences are matched in; about 4 GiB with what is worked out of them
+LARGEST_RIDES = 2**28
+
+
+@dataclass(frozen=True)
+class Matches:
+    """What was found for each query.
+
+    Attributes:
+        neighbours: the most similar map images.
+        confidence: probability of the place of each of them; None without a temperature.
+        margin: of the best one over the next place; nan where the map has no other place.
+        sequences: best map images by sequences of queries; None if none were asked for.
+    """
+
+    neighbours: Neighbours
+    confidence: Float64[ndarray, "m k"] | None
+    margin: Float64[ndarray, "m"]
+    sequences: SequenceMatches | None
+
+
+def match(
+    reference: FlatIndex,
+    queries: FlatIndex,
+    same_place: Positives,
+    k: int,
+    *,
+    temperature: float | None,
+    sequence: int | None = None,
+    progress: Progress = lambda done, total: None,
+) -> Matches:
+    """Look every query up in the map.
+
+    Args:
+        reference: the map.
+        queries: in the order of their ride, if sequences are asked for.
+        same_place: of each map image the map images of its place, itself left out or not.
+        k: matches, in [1, n].
+        temperature: of the posterior over the map; None for none.
+        sequence: queries in a sequence.
+        progress: called with the queries done and all.
+
+    Raises:
+        UserError: the two rides are too long for sequences.
+        ValueError: k is out of range.
+    """
+    sequences = _by_sequences(reference, queries, k, sequence)
+    count = len(queries)
+    values, indices = np.empty((count, k), np.float32), np.empty((count, k), np.int64)
+    confidence = None if temperature is None else np.empty((count, k))
+    margin = np.empty(count)
+    at_a_time = max(1, BLOCK // len(reference))
+    for start in range(0, count, at_a_time):
+        block = queries.references.rows[start : start + at_a_time]
+        values[start : start + at_a_time], indices[start : start + at_a_time] = reference.search(block, k)
+        for row, near in enumerate(block @ reference.references.rows.T, start):
+            similarities = near.astype(np.float64)
+            places = [_place(same_place, int(j)) for j in indices[row]]
+            if confidence is not None:
+                confidence[row] = _probabilities(similarities / temperature, places)
+            similarities[places[0]] = -np.inf
+            second = similarities.max()
+            margin[row] = max(0.0, values[row, 0] - second) if np.isfinite(second) else np.nan
+        progress(min(start + at_a_time, count), count)
+    return Matches(Neighbours(values, indices), confidence, margin, sequences)
+
+
+def _place(same_place: Positives, image: int) -> ndarray:
+    """The map images of the place of one of them, each once."""
+    return np.union1d(same_place[image], [image])
+
+
+def _probabilities(scores: Float64[ndarray, "n"], places: list[ndarray]) -> list[float]:
+    total = logsumexp(scores)
+    return [float(min(1.0, np.exp(scores[place] - total).sum())) for place in places]
+
+
+def _by_sequences(reference: FlatIndex, queries: FlatIndex, k: int, length: int | None) -> SequenceMatches | None:
+    if length is None:
+        return None
+    check_rides(len(reference), len(queries), length)
+    return match_sequences(queries.references.rows @ reference.references.rows.T, k, length=length)
+
+
+def check_rides(reference: int, queries: int, length: int | None) -> None:
+    """Raise a ``UserError`` if so many images are too many to be matched by sequences."""
+    if length is not None and queries * reference > LARGEST_RIDES:
+        raise UserError(
+            f"sequence={length} needs the similarities of all pairs, and {queries:,} queries x "
+            f"{reference:,} map images are more than {LARGEST_RIDES:,}",
+            "Give a part of the queries at a time, or leave sequence= out.",
+        )

@@ -1,0 +1,1 @@
+"""Schemas of classification under corruptions."""

@@ -1,0 +1,327 @@
+"""What localizes: descriptor, kernel, observation model, likelihood, motion, filter, recovery."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from sextant.config.schema.parts import (
+    CHOSEN_BY_TARGET,
+    Count,
+    CustomPart,
+    Node,
+    NonNegative,
+    Part,
+    Positive,
+    Seed,
+    Share,
+)
+from sextant.config.schema.splits import ImageSide
+
+# -- descriptor --------------------------------------------------------------------------------------------------------
+
+
+class PixelsDescriptor(Part):
+    """Standardised pixels."""
+
+    target: Literal["sextant.baselines.Pixels"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+
+
+class PatchNormalisedDescriptor(Part):
+    """Patch-normalised pixels."""
+
+    target: Literal["sextant.baselines.PatchNormalised"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+
+
+class HogDescriptor(Part):
+    """Histograms of oriented gradients."""
+
+    target: Literal["sextant.baselines.Hog"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+
+
+class WhitenedPCADescriptor(Part):
+    """Whitened principal components of the map's pixels."""
+
+    target: Literal["sextant.baselines.WhitenedPCA"] = Field(alias="_target_")
+    height: ImageSide = Field(examples=[32])
+    width: ImageSide = Field(examples=[48])
+    dimensions: Count = Field(examples=[128])
+    most_images: Count = Field(examples=[10000])
+
+
+class TrainedDescriptor(Part):
+    """The network of a run of place recognition."""
+
+    target: Literal["sextant.recipes.descriptors.TrainedDescriptor"] = Field(alias="_target_")
+    run: str = Field(examples=["place_recognition/1a2b3c4d-s0"])
+
+
+class DescriptorFiles(Part):
+    """Vectors that were worked out elsewhere."""
+
+    target: Literal["sextant.recipes.descriptors.DescriptorFiles"] = Field(alias="_target_")
+    folder: str = Field(examples=["descriptors"])
+
+
+Descriptor = Annotated[
+    PixelsDescriptor
+    | PatchNormalisedDescriptor
+    | HogDescriptor
+    | WhitenedPCADescriptor
+    | TrainedDescriptor
+    | DescriptorFiles
+    | CustomPart,
+    CHOSEN_BY_TARGET,
+]
+
+# -- observation -------------------------------------------------------------------------------------------------------
+
+
+class ExactGP(Part):
+    """The whole Gaussian process."""
+
+    target: Literal["sextant.localization.observation.ExactGP"] = Field(alias="_target_")
+
+
+class LocalGP(Part):
+    """A Gaussian process of the nearest map images of each pose."""
+
+    target: Literal["sextant.localization.observation.LocalGP"] = Field(alias="_target_")
+    neighbours: Count = Field(examples=[16])
+    neighbourhood: Literal["own", "nearest_image"]
+
+
+class CachedLocalGP(Part):
+    """The same, its neighbourhoods solved once."""
+
+    target: Literal["sextant.localization.observation.CachedLocalGP"] = Field(alias="_target_")
+    neighbours: Count = Field(examples=[16])
+    blend: Count = Field(examples=[1])
+    map_evidence: Literal["image", "mean"]
+
+
+class SGPR(Part):
+    """Sparse Gaussian process, inducing poses, closed form."""
+
+    target: Literal["sextant.localization.observation.SGPR"] = Field(alias="_target_")
+    inducing: Count = Field(examples=[200])
+    seed: Seed = Field(examples=[0])
+
+
+class SVGP(Part):
+    """Sparse Gaussian process, inducing poses, fitted by minibatches."""
+
+    target: Literal["sextant.localization.observation.SVGP"] = Field(alias="_target_")
+    inducing: Count = Field(examples=[200])
+    steps: Count = Field(examples=[200])
+    batch: Count = Field(examples=[256])
+    seed: Seed = Field(examples=[0])
+
+
+class SKI(Part):
+    """Interpolation on a grid of poses."""
+
+    target: Literal["sextant.localization.observation.SKI"] = Field(alias="_target_")
+    spacing: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.5])
+    rank: Annotated[int, Field(ge=2)] = Field(examples=[200])
+    seed: Seed = Field(examples=[0])
+
+
+class RandomFeatures(Part):
+    """Random Fourier features."""
+
+    target: Literal["sextant.localization.observation.RandomFeatures"] = Field(alias="_target_")
+    features: Count = Field(examples=[1000])
+    seed: Seed = Field(examples=[0])
+
+
+class KernelSum(Part):
+    """The kernel sum of a rival method."""
+
+    target: Literal["sextant.localization.observation.KernelSum"] = Field(alias="_target_")
+    neighbours: Count = Field(examples=[3])
+
+
+class LikelihoodField(Part):
+    """A laser, by the distance of its end points from the nearest obstacle."""
+
+    target: Literal["sextant.localization.laser.LikelihoodField"] = Field(alias="_target_")
+    sigma_m: Positive = Field(examples=[0.2])
+    z_hit: Share = Field(examples=[0.5])
+    z_rand: Share = Field(examples=[0.5])
+    max_distance_m: Positive = Field(examples=[2.0])
+    unknown: Literal["distance", "random"]
+    beams: Count = Field(examples=[60])
+
+
+class BeamModel(Part):
+    """A laser, by rays cast in the grid."""
+
+    target: Literal["sextant.localization.laser.BeamModel"] = Field(alias="_target_")
+    z_hit: Share = Field(examples=[0.5])
+    z_short: Share = Field(examples=[0.05])
+    z_max: Share = Field(examples=[0.05])
+    z_rand: Share = Field(examples=[0.5])
+    sigma_hit: Positive = Field(examples=[0.2])
+    lambda_short: Positive = Field(examples=[0.1])
+    beams: Count = Field(examples=[60])
+
+
+OBSERVATIONS = (
+    ExactGP,
+    LocalGP,
+    CachedLocalGP,
+    SGPR,
+    SVGP,
+    SKI,
+    RandomFeatures,
+    KernelSum,
+    LikelihoodField,
+    BeamModel,
+)
+#: laser models, which need a grid and scans
+LASERS = (LikelihoodField, BeamModel)
+
+Observation = Annotated[
+    ExactGP
+    | LocalGP
+    | CachedLocalGP
+    | SGPR
+    | SVGP
+    | SKI
+    | RandomFeatures
+    | KernelSum
+    | LikelihoodField
+    | BeamModel
+    | CustomPart,
+    CHOSEN_BY_TARGET,
+]
+
+
+class PoseKernel(Node):
+    """How alike descriptors at two poses are."""
+
+    spatial: Literal["rbf", "matern32", "matern52"]
+    ard: bool
+
+
+class Likelihood(Node):
+    """The form of the likelihood, and what is fitted to a validation traverse."""
+
+    form: Literal["full", "univariate", "student"]
+    dof: Positive = Field(examples=[4.0])
+    tempering: Annotated[float, Field(gt=0, le=1)] | Literal["fitted"] = Field(examples=["fitted"])
+    appearance_noise: NonNegative | Literal["fitted"] = Field(examples=["fitted"])
+    whitening: bool
+
+
+# -- filter ------------------------------------------------------------------------------------------------------------
+
+Triple = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
+
+
+class ExponentialMotion(Part):
+    """Noise in se(2)."""
+
+    target: Literal["sextant.localization.motion.ExponentialMotion"] = Field(alias="_target_")
+    per_step: Triple = Field(examples=["[0.02,0.01,0.015]"])
+    per_metre: Triple = Field(examples=["[0.002,0.0004,0.0004]"])
+    per_radian: Triple = Field(examples=["[0.0,0.0004,0.0001]"])
+    unknown: Triple | None = Field(default=None, examples=["[0.5,0.2,0.2]"])
+
+
+class OdometryMotion(Part):
+    """Noise in a turn, a way and a turn."""
+
+    target: Literal["sextant.localization.motion.OdometryMotion"] = Field(alias="_target_")
+    alphas: Annotated[list[NonNegative], Field(min_length=4, max_length=4)] = Field(examples=["[0.2,0.2,0.2,0.2]"])
+    least_translation: NonNegative = Field(default=0.01, examples=[0.01])
+    unknown: Triple = Field(default=[0.5, 0.2, 0.2], examples=["[0.5,0.2,0.2]"])
+
+
+class IdentityMotion(Part):
+    """A robot that does not move."""
+
+    target: Literal["sextant.localization.motion.IdentityMotion"] = Field(alias="_target_")
+
+
+Motion = Annotated[ExponentialMotion | OdometryMotion | IdentityMotion | CustomPart, CHOSEN_BY_TARGET]
+
+
+class NoRecovery(Part):
+    """None."""
+
+    target: Literal["sextant.localization.recovery.NoRecovery"] = Field(alias="_target_")
+
+
+class UniformInjection(Part):
+    """Some particles from anywhere."""
+
+    target: Literal["sextant.localization.recovery.UniformInjection"] = Field(alias="_target_")
+    share: Share = Field(examples=[0.05])
+
+
+class AugmentedMCL(Part):
+    """Particles from anywhere when the likelihood falls."""
+
+    target: Literal["sextant.localization.recovery.AugmentedMCL"] = Field(alias="_target_")
+    alpha_slow: Share = Field(examples=[0.001])
+    alpha_fast: Share = Field(examples=[0.1])
+    average: Literal["geometric", "arithmetic"]
+    most: Share = Field(examples=[0.5])
+
+
+class TopKInjection(Part):
+    """Particles where the image is found, weighted by it again."""
+
+    target: Literal["sextant.localization.recovery.TopKInjection"] = Field(alias="_target_")
+    share: Share = Field(examples=[0.1])
+    top: Count = Field(examples=[10])
+
+
+class BayesRestart(Part):
+    """Particles where the image is found, weighted as a kidnapping is likely."""
+
+    target: Literal["sextant.localization.recovery.BayesRestart"] = Field(alias="_target_")
+    hazard: Share = Field(examples=[0.001])
+    share: Share = Field(examples=[0.1])
+    weigh_jitter: bool
+
+
+Recovery = Annotated[
+    NoRecovery | UniformInjection | AugmentedMCL | TopKInjection | BayesRestart | CustomPart, CHOSEN_BY_TARGET
+]
+
+
+class KLDSize(Node):
+    """How many particles are enough."""
+
+    epsilon: Share = Field(examples=[0.05])
+    confidence: Share = Field(examples=[0.99])
+    bin_position: Positive = Field(examples=[0.5])
+    bin_heading_deg: Annotated[float, Field(gt=0, le=180)] = Field(examples=[10.0])
+    least: Count = Field(examples=[100])
+    most: Count = Field(examples=[5000])
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        if self.least > self.most:
+            raise ValueError(f"filter.kld.least={self.least} must be at most filter.kld.most={self.most}")
+        return self
+
+
+class ParticleFilter(Node):
+    """The filter."""
+
+    particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])
+    start: Literal["uniform", "appearance", "gaussian"]
+    resampling: Literal["systematic", "stratified", "residual", "multinomial"]
+    ess_threshold: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.5])
+    kld: KLDSize | None
+    spread_position: Positive | None = Field(examples=[0.3])
+    spread_heading_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(examples=[10.0])

@@ -1,0 +1,180 @@
+"""The images to localize, one after the other: photos of a folder, or frames of a video."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+from numpy import ndarray
+from PIL import Image
+
+from sextant.data.localization.pose_times import check_rising, times_of_names
+from sextant.data.photo_files import find_photos
+from sextant.data.places.image_files import UnreadableImageError, decode_image, natural_key
+from sextant.errors import UserError
+
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
+#: what is written into the output folder, which may be that of the photos
+WRITTEN = ("trajectory.png",)
+Size = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image.
+
+    Attributes:
+        name: of its file, or its number in the video.
+        image: bytes of the map's size; None if there is none.
+        problem: why there is none.
+    """
+
+    name: str
+    image: UInt8[ndarray, "h w c"] | None
+    problem: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """Photos in the natural order of their names.
+
+    Attributes:
+        folder: that the names are relative to.
+        names: of the files.
+        times_s: that all names tell, or None.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    times_s: Float64[ndarray, "n"] | None
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def read(self, size: Size) -> Iterator[Frame]:
+        """All images, stretched to a size; what cannot be decoded is told."""
+        for name in self.names:
+            path = self.folder / name
+            if not path.is_file():
+                yield Frame(name, None, "there is no such file")
+                continue
+            try:
+                yield Frame(name, decode_image(path, *size))
+            except UnreadableImageError as error:
+                yield Frame(name, None, str(error))
+
+    def in_order_of(self, names: Sequence[str], given: Path) -> "Photos":
+        """The frames of a table: a row whose file is not there is one that nothing is seen in.
+
+        Raises:
+            UserError: a photo has no row, or not one row has a photo.
+        """
+        listed, there = {Path(name).as_posix() for name in names}, set(self.names)
+        if missing := [name for name in self.names if name not in listed]:
+            raise UserError(
+                f"odometry={given} has no row for {len(missing):,} of {len(self):,} photos, such as {missing[0]}",
+                "A row an image, with the name of its file below the folder; or leave out the column file.",
+            )
+        assert there
+        times = None if len(listed) != len(there) else self.times_s
+        order = [Path(name).as_posix() for name in names]
+        if order != list(self.names) and times is not None:
+            times = np.array([times[self.names.index(name)] for name in order])
+            check_rising(times, order, f"odometry={given}")
+        return Photos(self.folder, tuple(order), times)
+
+
+@dataclass(frozen=True, eq=False)
+class Video:
+    """Every so many frames of a video."""
+
+    path: Path
+    every: int
+    frames: int
+    per_second: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Numbers of the frames."""
+        return tuple(f"frame {number}" for number in range(0, self.frames, self.every))
+
+    @property
+    def times_s(self) -> Float64[ndarray, "n"]:
+        """Seconds from the start."""
+        return np.arange(0, self.frames, self.every) / self.per_second
+
+    def __len__(self) -> int:
+        return math.ceil(self.frames / self.every)
+
+    def read(self, size: Size) -> Iterator[Frame]:
+        """The frames, stretched to a size; those that cannot be decoded are told."""
+        import cv2
+
+        height, width, channels = size
+        video = cv2.VideoCapture(str(self.path))
+        try:
+            for number in range(self.frames):
+                if not video.grab():
+                    if number % self.every == 0:
+                        yield Frame(f"frame {number}", None, "cannot be decoded")
+                    continue
+                if number % self.every:
+                    continue
+                fine, pixels = video.retrieve()
+                if not fine:
+                    yield Frame(f"frame {number}", None, "cannot be decoded")
+                    continue
+                picture = Image.fromarray(np.ascontiguousarray(pixels[..., ::-1])).convert(
+                    "RGB" if channels == 3 else "L"
+                )
+                if picture.size != (width, height):
+                    picture = picture.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
+                yield Frame(f"frame {number}", np.asarray(picture).reshape(size))
+        finally:
+            video.release()
+
+
+def find_frames(given: str, output: Path, every: int) -> Photos | Video:
+    """The photos or the video that ``input=`` names.
+
+    Raises:
+        UserError: there is none, the video cannot be opened, photos are out of order, or ``every`` is of no video.
+    """
+    path = Path(given).expanduser()
+    if path.is_file() and path.suffix.lower() in VIDEOS:
+        return _video(path, every)
+    if every != 1:
+        raise UserError(f"every={every} is of a video; input={given} is none", "Leave out every=.")
+    folder = path if path.is_dir() else path.parent
+    mine = output.resolve()
+    found = [p for p in find_photos(given, output) if not (p.name in WRITTEN and p.resolve().parent == mine)]
+    if not found:
+        raise UserError(f"input={given}: no photo there", "Give a folder of photos, or a video.")
+    if not path.is_dir() and not path.is_file():
+        folder = Path(found[0].parent)
+        found = [p for p in found if p.parent == folder] if len({p.parent for p in found}) == 1 else found
+        folder = folder if len({p.parent for p in found}) == 1 else Path()
+    names = sorted((p.relative_to(folder).as_posix() for p in found), key=natural_key)
+    times = times_of_names([Path(name) for name in names])
+    if times is not None:
+        check_rising(times, names, f"input={given}")
+    return Photos(folder, tuple(names), times)
+
+
+def _video(path: Path, every: int) -> Video:
+    import cv2
+
+    video = cv2.VideoCapture(str(path))
+    try:
+        frames = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+        per_second = float(video.get(cv2.CAP_PROP_FPS))
+    finally:
+        video.release()
+    if frames <= 0:
+        raise UserError(
+            f"input={path} cannot be read as a video ({path.stat().st_size:,} bytes)",
+            "Extract its frames as photos, for example: ffmpeg -i video.mp4 frames/%06d.png",
+        )
+    return Video(path, every, frames, per_second if per_second > 0 else 25.0)

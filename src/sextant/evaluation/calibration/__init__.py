@@ -1,0 +1,1 @@
+"""Errors of cameras, their summaries, and what is known of their uncertainty."""

@@ -1,0 +1,38 @@
+"""All checks, one after the other."""
+
+import math
+
+from sextant.evaluation.calibration.doctor import crops, lens, loss, parameters
+from sextant.evaluation.calibration.doctor.finding import Finding
+
+#: in the order in which they are shown
+CHECKS = (
+    parameters.round_trips,
+    lens.newton_against_bisection,
+    lens.implicit_gradients,
+    lens.fold_radius,
+    lens.straightness,
+    lens.against_opencv,
+    parameters.horizon_feet,
+    parameters.bow_test,
+    loss.closed_forms,
+)
+
+
+def examine(
+    crop: crops.Crop | None, why_not: str = "no function that cuts crops was given"
+) -> tuple[list[Finding], list[loss.CrossTalk]]:
+    """All checks, and the cross-talk table.
+
+    Args:
+        crop: cuts crops of a panorama; None skips what needs it.
+        why_not: why there is none.
+    """
+    findings = [finding for check in CHECKS for finding in check()]
+    table = loss.cross_talk()
+    findings += loss.cross_talk_findings(table)
+    if crop is None:
+        findings.append(Finding("crop", "against the render", math.nan, 2.0, skipped=why_not))
+    else:
+        findings += crops.crop_against_render(crop) + crops.edge_in_crop(crop)
+    return findings, table

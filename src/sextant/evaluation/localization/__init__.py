@@ -1,0 +1,1 @@
+"""Success, errors and posteriors of localization."""

@@ -1,0 +1,64 @@
+r"""The best recall@1 that single images allow where some show the same picture, as those of a standing train do.
+
+Frames that follow one another with the same picture make a *run*. A descriptor is a function of the picture: all
+queries of a run get the same answer, and the references of a run are answered evenly or not at all. Of such
+descriptors, the best one tells all different pictures apart and answers each run of queries Q with the run of
+references R that is right most often,
+
+.. math:: \frac{1}{m} \sum_Q \max_R \sum_{i \in Q} \frac{|P_i \cap R|}{|R|},
+
+where :math:`P_i` are the positives of query i and m is the number of queries. It is what a perfect descriptor expects
+to reach, not a bound for every method: pictures of a run differ by noise, and sequences tell more than single images.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Int64
+from numpy import ndarray
+
+from sextant.evaluation.places.positives import Positives
+
+
+def picture_runs(like_before: Bool[ndarray, "n"]) -> Int64[ndarray, "n"]:
+    """Number of the run of each frame, from 0, where ``like_before`` marks frames that show the picture before them.
+
+    The first frame opens a run whatever is marked.
+    """
+    runs = np.cumsum(~np.asarray(like_before, bool))
+    return np.asarray(runs - runs[0] if len(runs) else runs, np.int64)
+
+
+def standstill(like_before: Bool[ndarray, "n"]) -> Bool[ndarray, "n"]:
+    """Frames whose picture is that of the frame before or after: all members of runs of two or more."""
+    runs = picture_runs(like_before)
+    return np.asarray(np.bincount(runs)[runs] > 1) if len(runs) else np.zeros(0, bool)
+
+
+def single_image_ceiling(
+    positives: Positives, query_run: Int64[ndarray, "m"], reference_run: Int64[ndarray, "n"]
+) -> float:
+    """Expected recall@1, over all queries, of a descriptor that is perfect but for equal pictures; nan without queries.
+
+    Args:
+        positives: of m queries among n references.
+        query_run, reference_run: of each image its run, see :func:`picture_runs`.
+
+    Raises:
+        ValueError: the lengths differ.
+    """
+    if (len(query_run), len(reference_run)) != (len(positives), positives.references):
+        raise ValueError(
+            f"need runs of {len(positives)} queries and {positives.references} references; "
+            f"got {len(query_run)} and {len(reference_run)}"
+        )
+    if not len(positives):
+        return float("nan")
+    runs, reference = np.unique(reference_run, return_inverse=True)
+    share = 1 / np.bincount(reference)
+    queries, query = np.unique(query_run, return_inverse=True)
+    pair_query = np.repeat(query, positives.counts)
+    pair_reference = reference[positives.indices]
+    cells, cell = np.unique(pair_query * len(runs) + pair_reference, return_inverse=True)
+    right = np.bincount(cell, weights=share[pair_reference], minlength=len(cells))
+    best = np.zeros(len(queries))
+    np.maximum.at(best, cells // len(runs), right)
+    return float(best.sum() / len(positives))

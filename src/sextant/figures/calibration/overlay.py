@@ -1,0 +1,207 @@
+"""A photo with what its calibration says: the horizon, where gravity pulls, and how the lens bends straight lines."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import matplotlib.patheffects as effects
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+from numpy import ndarray
+from PIL import Image
+
+from sextant.figures.calibration.horizon import horizon_curve
+from sextant.figures.style import new_figure
+from sextant.geometry import (
+    max_distorted_radius,
+    perspective_bearings,
+    perspective_project,
+    undistort_radius,
+    up_in_camera,
+)
+
+HORIZON, GRAVITY, GRID, SEEN = "#E69F00", "#56B4E9", "#FFFFFF", "#CC79A7"
+LONGEST_SIDE = 1200
+SHEET_COLUMNS, SHEET_SIDE = 4, 420
+LINES_PER_HALF_HEIGHT, MOST_LINES = 4, 60
+ARROWS, ARROW_LENGTH = 6, 0.07  # along the height, and image heights
+FAR = 2.0  # image diagonals from the centre; what lies beyond would only be clipped
+STEP = 1e-4  # radians towards the nadir, for the direction of an arrow
+
+
+@dataclass(frozen=True)
+class CalibratedPhoto:
+    """A photo and its camera.
+
+    Attributes:
+        image: RGB bytes of any size.
+        tilt: radians, positive looks up.
+        roll: radians.
+        focal: image heights of ``image``.
+        k1: first coefficient of distortion.
+        k2: second coefficient.
+        seen: left, top, width and height of the part that the network saw, as shares of the image's sides.
+        caption: lines of text.
+    """
+
+    image: UInt8[ndarray, "h w 3"]
+    tilt: float
+    roll: float
+    focal: float
+    k1: float
+    k2: float
+    seen: tuple[float, float, float, float]
+    caption: Sequence[str] = ()
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        height, width = self.image.shape[:2]
+        return float(width / height)
+
+    def lens(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Focal length and the two coefficients as tensors."""
+        focal, k1, k2 = (torch.tensor(value, dtype=torch.float64) for value in (self.focal, self.k1, self.k2))
+        return focal, k1, k2
+
+    def horizon(self) -> Float[ndarray, "n 2"]:
+        """Points of the horizon from left to right, in image heights from the centre; nan where it is not seen."""
+        tilt, roll = (torch.tensor(value, dtype=torch.float64) for value in (self.tilt, self.roll))
+        return horizon_curve(tilt, roll, *self.lens(), reach=FAR * math.hypot(self.aspect, 1))
+
+
+def calibration_overlay(photo: CalibratedPhoto) -> Figure:
+    """One photo: horizon, arrows of gravity, the picture of a square grid, and the part that the network saw."""
+    width = 8 * min(1.0, max(photo.aspect, 0.35))
+    picture = min(width / photo.aspect, 9)
+    figure, (axes,) = new_figure(max(width, 4.5), picture + 0.25 * len(photo.caption) + 0.5)
+    visible = _draw(axes, photo, LONGEST_SIDE, 1.0)
+    axes.set_title("\n".join(photo.caption), fontsize=9, loc="left")
+    where = "" if visible else f" (outside: {'below' if photo.tilt > 0 else 'above'})"
+    handles: list[Artist] = [
+        Line2D([], [], color=HORIZON, linewidth=2.5, label=f"horizon{where}"),
+        Line2D([], [], color=GRAVITY, marker=">", label="gravity"),
+        Line2D([], [], color="#999999", linewidth=1, label="straight lines as the lens shows them"),
+    ]
+    if not _is_whole(photo.seen):
+        handles.append(Patch(facecolor="none", edgecolor=SEEN, linestyle="--", label="seen by the network"))
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2, fontsize=8, frameon=False)
+    return figure
+
+
+def calibration_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
+    """Many photos, four a row, each with its overlay and caption."""
+    columns = min(SHEET_COLUMNS, len(photos))
+    rows = -(-len(photos) // columns)
+    lines = max(len(photo.caption) for photo in photos)
+    figure, axes = new_figure(3.2 * columns, (2.5 + 0.16 * lines) * rows, rows=rows, columns=columns)
+    for cell in axes[len(photos) :]:
+        cell.axis("off")
+    for cell, photo in zip(axes, photos, strict=False):
+        _draw(cell, photo, SHEET_SIDE, 0.45)
+        cell.set_title("\n".join(photo.caption), fontsize=7, loc="left")
+    return figure
+
+
+def gravity_arrows(photo: CalibratedPhoto) -> tuple[Float[ndarray, "n 2"], Float[ndarray, "n 2"]]:
+    """Points on a regular grid over the image, in image heights from the centre, and the unit direction down there."""
+    across = max(2, round(ARROWS * photo.aspect))
+    v = (torch.arange(ARROWS, dtype=torch.float64) + 0.5) / ARROWS - 0.5
+    u = ((torch.arange(across, dtype=torch.float64) + 0.5) / across - 0.5) * photo.aspect
+    points = torch.cartesian_prod(u, v)
+    focal, k1, k2 = photo.lens()
+    reached = torch.linalg.vector_norm(points, dim=-1) < focal * max_distorted_radius(k1, k2)
+    points = points[reached]
+    rays = perspective_bearings(points, focal, k1, k2)
+    up = up_in_camera(torch.tensor(photo.tilt, dtype=torch.float64), torch.tensor(photo.roll, dtype=torch.float64))
+    down = -(up - (rays @ up)[:, None] * rays)  # at right angles to the ray: it vanishes at zenith and nadir
+    moved, _ = perspective_project(rays + STEP * down, focal, k1, k2)
+    direction = moved - points
+    length = torch.linalg.vector_norm(direction, dim=-1, keepdim=True)
+    return points.numpy(), (direction / length.clamp(min=1e-12)).numpy()
+
+
+def distortion_grid(photo: CalibratedPhoto) -> list[Float[ndarray, "n 2"]]:
+    """Lines that are straight in the scene, as the image shows them, in image heights from the centre.
+
+    They are those of a square grid at right angles to the viewing direction, and cover the image.
+    """
+    focal, k1, k2 = photo.lens()
+    radii = torch.tensor([0.5, math.hypot(photo.aspect, 1) / 2], dtype=torch.float64)
+    half, corner = undistort_radius(radii / focal, k1, k2).tolist()
+    spacing = max(half / LINES_PER_HALF_HEIGHT, 2 * corner / MOST_LINES)
+    count = math.ceil(corner / spacing)
+    along = torch.linspace(-corner, corner, 401, dtype=torch.float64)
+    lines = []
+    for i in range(-count, count + 1):
+        fixed = torch.full_like(along, i * spacing)
+        one = torch.ones_like(along)
+        lines += [_project(torch.stack(xy, -1), photo) for xy in ([fixed, along, one], [along, fixed, one])]
+    return lines
+
+
+def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> bool:
+    """Draw a photo and its overlay with line widths times ``weight``; whether the horizon is in the picture."""
+    aspect = photo.aspect
+    extent = (-aspect / 2, aspect / 2, 0.5, -0.5)
+    axes.imshow(_shrunk(photo.image, longest), extent=extent, interpolation="antialiased")
+    outline = [effects.withStroke(linewidth=4.5 * weight, foreground="#000000", alpha=0.6)]
+    shadow: list[effects.AbstractPathEffect] = [
+        effects.withStroke(linewidth=2 * weight, foreground="#000000", alpha=0.25)
+    ]  # white is lost on a sky
+    grid = LineCollection(distortion_grid(photo), colors=GRID, linewidths=0.9 * weight, alpha=0.7)
+    grid.set_path_effects(shadow)
+    axes.add_collection(grid)
+    points, down = gravity_arrows(photo)
+    start, arrow = points - ARROW_LENGTH / 2 * down, ARROW_LENGTH * down
+    axes.quiver(
+        *start.T,
+        *arrow.T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        units="xy",
+        width=0.008,
+        headlength=4,
+        headaxislength=4,
+        color=GRAVITY,
+        edgecolor="#000000",
+        linewidth=0.9 * weight,
+    )
+    curve = photo.horizon()
+    axes.plot(*curve.T, color=HORIZON, linewidth=2.5 * weight, path_effects=outline)
+    if not _is_whole(photo.seen):
+        left, top, width, height = photo.seen
+        box = ((left - 0.5) * aspect, top - 0.5)
+        axes.add_patch(
+            Rectangle(box, width * aspect, height, fill=False, edgecolor=SEEN, linestyle="--", linewidth=2 * weight)
+        )
+    axes.set(xlim=extent[:2], ylim=extent[2:])
+    axes.axis("off")
+    inside = (np.abs(curve[:, 0]) <= aspect / 2) & (np.abs(curve[:, 1]) <= 0.5)
+    return bool(inside.any())
+
+
+def _project(directions: torch.Tensor, photo: CalibratedPhoto) -> Float[ndarray, "n 2"]:
+    points, seen = perspective_project(directions, *photo.lens())
+    near = torch.linalg.vector_norm(points, dim=-1) < FAR * math.hypot(photo.aspect, 1)
+    return torch.where((seen & near)[:, None], points, torch.nan).numpy()
+
+
+def _is_whole(seen: tuple[float, float, float, float]) -> bool:
+    return seen[2] > 0.99 and seen[3] > 0.99
+
+
+def _shrunk(image: UInt8[ndarray, "h w 3"], longest: int) -> UInt8[ndarray, "h w 3"]:
+    factor = longest / max(image.shape[:2])
+    if factor >= 1:
+        return image
+    size = (max(1, round(image.shape[1] * factor)), max(1, round(image.shape[0] * factor)))
+    return np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BOX))

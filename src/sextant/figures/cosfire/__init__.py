@@ -1,0 +1,1 @@
+"""Pictures of COSFIRE filters and of what they find."""

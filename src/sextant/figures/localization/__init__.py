@@ -1,0 +1,1 @@
+"""Pictures of particles, maps and trajectories."""

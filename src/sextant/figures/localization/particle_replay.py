@@ -1,0 +1,141 @@
+"""An animation of a filter: the particles over the map, frame by frame."""
+
+import io
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from numpy import ndarray
+from PIL import Image
+
+from sextant.errors import UserError
+from sextant.figures.localization.particle_map import ParticleFrame, draw_frame, draw_map, map_height
+from sextant.figures.style import new_figure
+
+PIXELS_PER_INCH = 100
+
+
+class _Writer(Protocol):
+    def write(self, image: UInt8[ndarray, "h w 3"]) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def particle_replay(
+    map_positions: Float[ndarray, "n 2"],
+    frames: Iterable[ParticleFrame],
+    path: Path,
+    *,
+    frames_per_second: float = 10.0,
+    width: float = 6.0,
+    unit: str = "m",
+) -> int:
+    """Write a video (``.mp4``) or an animation that any browser shows (``.gif``), and return the number of frames.
+
+    Frames are drawn and written as they come, so memory does not grow with their number if they come from a generator.
+    The file appears when it is complete.
+
+    Args:
+        map_positions: of its images.
+        frames: the moments, in order.
+        path: of the file to write; its folder is made.
+        frames_per_second: how fast it is shown.
+        width: of the picture in inches of 100 pixels.
+        unit: of positions.
+
+    Raises:
+        UserError: the path ends in neither, there is no frame, or no MP4 can be written on this machine.
+        ValueError: the map has no position.
+    """
+    if path.suffix not in (".gif", ".mp4"):
+        raise UserError(f"{path}: a replay is written as .gif or .mp4", f"Try {path.with_suffix('.gif')}")
+    if len(map_positions) == 0:
+        raise ValueError("the replay needs a map with at least one position")
+    figure, (axes,) = new_figure(width, map_height(map_positions, width))
+    canvas = FigureCanvasAgg(figure)
+    figure.set_dpi(PIXELS_PER_INCH)
+    draw_map(axes, map_positions, unit)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.stem}.unfinished{path.suffix}")
+    writer: _Writer | None = None
+    count = 0
+    try:
+        for frame in frames:
+            artists = draw_frame(axes, frame)
+            canvas.draw()
+            figure.set_layout_engine("none")  # the axes stay where the first frame puts them
+            image = np.asarray(canvas.buffer_rgba())[..., :3]
+            image = np.ascontiguousarray(image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2])  # codecs need it
+            if writer is None:
+                writer = (_Gif if path.suffix == ".gif" else _Mp4)(unfinished, frames_per_second, image.shape)
+            writer.write(image)
+            for artist in artists:
+                artist.remove()
+            count += 1
+        if writer is None:
+            raise UserError("a replay needs at least one frame", "Run the filter for longer")
+        writer.close()
+        writer = None
+        unfinished.replace(path)
+    finally:
+        if writer is not None:
+            writer.close()
+        unfinished.unlink(missing_ok=True)
+    return count
+
+
+class _Gif:
+    """Appends each image to the file at once, with colours of its own.
+
+    An animation is a header, a block that asks for repetition, and images one after the other. Pillow writes each image
+    as a GIF of its own, whose global colours become local ones here. (matplotlib's and Pillow's own animations hold all
+    frames until the end.) Format: CompuServe, "Graphics Interchange Format, version 89a", 1990.
+    """
+
+    def __init__(self, path: Path, frames_per_second: float, shape: tuple[int, ...]):
+        self._centiseconds = max(2, round(100 / frames_per_second))  # browsers slow down what is faster
+        self._file = path.open("wb")
+        height, width = shape[:2]
+        self._file.write(b"GIF89a" + struct.pack("<HHBBB", width, height, 0, 0, 0))
+        self._file.write(b"\x21\xff\x0bNETSCAPE2.0\x03\x01" + struct.pack("<HB", 0, 0))
+
+    def write(self, image: UInt8[ndarray, "h w 3"]) -> None:
+        whole = io.BytesIO()
+        picture = Image.fromarray(image).quantize(128, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        picture.save(whole, "GIF", interlace=0)
+        data = whole.getvalue()
+        size = data[10] & 7  # the table has 2^(size + 1) colours
+        colours = data[13 : 13 + 3 * 2 ** (size + 1)]
+        at = 13 + len(colours)
+        while data[at] == 0x21:  # extensions: a label, then blocks up to an empty one
+            at += 2
+            while data[at]:
+                at += data[at] + 1
+            at += 1
+        placed, pixels = data[at : at + 9], data[at + 10 : -1]  # without the flags, and without the file's end
+        self._file.write(b"\x21\xf9\x04" + struct.pack("<BHBB", 4, self._centiseconds, 0, 0))
+        self._file.write(placed + bytes([0x80 | size]) + colours + pixels)
+
+    def close(self) -> None:
+        self._file.write(b"\x3b")
+        self._file.close()
+
+
+class _Mp4:
+    def __init__(self, path: Path, frames_per_second: float, shape: tuple[int, ...]):
+        import cv2
+
+        codec = cv2.VideoWriter.fourcc(*"mp4v")
+        self._video = cv2.VideoWriter(str(path), codec, frames_per_second, (shape[1], shape[0]))
+        if not self._video.isOpened():
+            raise UserError(f"{path}: OpenCV cannot write MP4 on this machine", f"Try {path.with_suffix('.gif')}")
+
+    def write(self, image: UInt8[ndarray, "h w 3"]) -> None:
+        self._video.write(np.ascontiguousarray(image[..., ::-1]))
+
+    def close(self) -> None:
+        self._video.release()

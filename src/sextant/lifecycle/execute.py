@@ -1,0 +1,243 @@
+"""The life of one run: claim its directory, train, test, write the truth, mirror it."""
+
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import yaml
+
+from sextant.atomic_files import write_atomically, write_json
+from sextant.cli.console import console
+from sextant.config import Config, digest, validate
+from sextant.config.schema.classification.corruptions import StoredSuite
+from sextant.errors import LossNotFiniteError, UserError
+from sextant.recipes import Source, recipe_of
+from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
+from sextant.runs.locks import run_lock
+from sextant.runs.resolve import resolve_run
+from sextant.runs.source_tree import source_sha256
+
+if TYPE_CHECKING:
+    from sextant.tracking.mirror import MirroredRun
+
+OpenMirror = Callable[[], "MirroredRun | None"]
+Work = Callable[[RunDirectory, OpenMirror], dict[str, Any]]
+OutcomeName = Literal["finished", "diverged", "failed"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        outcome: ``diverged`` is a run that finished without having learnt, by the rule of ``evaluation.protocols``, or
+            whose loss became nan; ``failed`` is a run that an error ended.
+        directory: where it lies.
+        reused: it had been finished before.
+        message: why it failed.
+    """
+
+    outcome: OutcomeName
+    directory: Path
+    reused: bool = False
+    message: str = ""
+
+
+def run_key(config: Config, source: Source, seed: int | None = None) -> RunKey:
+    """Identity of the run that a config describes, with another seed if one is given."""
+    code = source_sha256(config.custom_targets())
+    return RunKey(
+        config.task.name, run_digest(config), config.seed if seed is None else seed, code, source.fingerprint()
+    )
+
+
+def run_digest(config: Config) -> str:
+    """Digest of a typed config, in which 2 and 2.0 are one number."""
+    return digest(identity_of(config))
+
+
+def identity_of(config: Config) -> dict[str, Any]:
+    """A typed config as plain values, with what its files hold in place of where they lie."""
+    typed = config.model_dump(by_alias=True)
+    if config.init_from is not None:
+        typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").identity
+    shelf = getattr(config.task, "off_the_shelf", None)
+    if shelf is not None:
+        from sextant.recipes.off_the_shelf import weights_identity
+
+        typed["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
+    if config.descriptor is not None:
+        from sextant.recipes.descriptors import descriptor_identity
+
+        typed["descriptor"] = descriptor_identity(typed["descriptor"], Path(config.paths.outputs))
+    if config.features is not None and config.features.run is not None:
+        features = resolve_run(config.features.run, Path(config.paths.outputs), "features.run")
+        typed["features"]["run"] = features.identity
+    if isinstance(config.corruption, StoredSuite):
+        from sextant.corruptions.stored_suite import folder_identity
+
+        typed["corruption"]["folder"] = folder_identity(config.corruption.folder)
+    return typed
+
+
+def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
+    """Run what a plain, resolved config describes, unless it is finished already.
+
+    Args:
+        raw: the config.
+        wait: wait for another process that runs the same, rather than give up.
+
+    Raises:
+        UserError: a mistake in the config or the data; the run directory keeps what was reached before.
+        KeyboardInterrupt: the run was interrupted and can be resumed.
+    """
+    config = validate(raw)
+    source = recipe_of(config.task.name).source(raw, config)
+    key = run_key(config, source)
+
+    def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
+        from sextant.lifecycle.training import train_and_test
+
+        return train_and_test(raw, config, source, directory, key, open_mirror())
+
+    return run_once(key, raw, config, work, wait=wait)
+
+
+def run_once(
+    key: RunKey,
+    raw: Mapping[str, Any],
+    config: Config,
+    work: Work,
+    *,
+    wait: bool = False,
+    published: Mapping[str, Any] | None = None,
+) -> Outcome:
+    """Return the finished run ``key`` if there is one, else do its ``work`` in its directory, under its lock.
+
+    ``work`` gets the directory and a function that opens the MLflow run, and returns what it wrote to ``metrics.json``.
+    ``published`` is what the file of a network that was not trained here says of its training.
+    """
+    outputs = Path(config.paths.outputs)
+    with run_lock(outputs / "runs" / key.task, key.name, wait):
+        found = claim(outputs, key, config.reuse)
+        results = found.directory.results()
+        if found.finished and results is not None:
+            message = str(results.get("message", ""))
+            return Outcome(results["outcome"], found.directory.path, reused=True, message=message)
+        return _Run(found, key, raw, config).run(work, published)
+
+
+class _Run:
+    """One run, from the claim of its directory to its outcome."""
+
+    def __init__(self, found: Claim, key: RunKey, raw: Mapping[str, Any], config: Config):
+        self.directory: RunDirectory = found.directory
+        self.passed_over = found.passed_over
+        self.key, self.raw, self.config = key, raw, config
+        self.mirror: MirroredRun | None = None
+
+    def run(self, work: Work, published: Mapping[str, Any] | None = None) -> Outcome:
+        from sextant.cli.show import show_start
+
+        self._begin()
+        show_start(self.raw, self.config, self.directory, self.passed_over, published)
+        with self._recorded():
+            results = work(self.directory, self._open_mirror)
+        return Outcome(results["outcome"], self.directory.path)
+
+    @property
+    def _experiment(self) -> str:
+        return self.config.tracking.experiment or self.config.task.name
+
+    def _begin(self) -> None:
+        path = self.directory.path
+        path.mkdir(parents=True, exist_ok=True)
+        for leftover in path.rglob(".*.tmp"):  # of a process that was killed while it wrote
+            leftover.unlink(missing_ok=True)
+        text = yaml.safe_dump(dict(self.raw), sort_keys=False)
+        write_atomically(self.directory.config, lambda file: file.write(text.encode()))
+        earlier = self.directory.state()
+        self.directory.update_state(
+            {
+                **asdict(self.key),
+                "experiment": self._experiment,
+                "started": earlier.get("started", time.time()),
+                "failure": None,
+                "params": _flat({k: v for k, v in self.raw.items() if k not in ("paths", "tracking", "sweep")}),
+            }
+        )
+
+    def _open_mirror(self) -> "MirroredRun | None":
+        from sextant.runs.provenance import provenance
+
+        self.directory.update_state({"provenance": provenance()})
+        tracking = self.config.tracking
+        if tracking.kind == "none":
+            return None
+        from sextant.tracking.mirror import open_mirror
+        from sextant.tracking.store import open_store, telling_store_errors
+
+        with telling_store_errors(tracking.uri):
+            store = open_store(tracking.kind, tracking.uri, Path(self.config.paths.outputs))
+            self.mirror = open_mirror(
+                store, self.directory, experiment=self._experiment, parent=tracking.parent_run, console=console
+            )
+        return self.mirror
+
+    @contextmanager
+    def _recorded(self) -> Iterator[None]:
+        """Write how the run ended into its directory and its mirror, whatever ends it."""
+        try:
+            yield
+        except BaseException as error:
+            interrupted = isinstance(error, KeyboardInterrupt | SystemExit)
+            message = "interrupted" if interrupted else f"{type(error).__name__}: {error}"
+            with suppress(OSError):  # a full disk must not hide what ended the run
+                if isinstance(error, LossNotFiniteError):
+                    self._keep_diverged(message)
+                elif not interrupted and not isinstance(error, UserError):
+                    (self.directory.path / "error.log").write_text(traceback.format_exc())
+            self._end(message, "KILLED" if interrupted else "FAILED")
+            if interrupted:
+                raise KeyboardInterrupt from None
+            raise
+        self._end(None, "FINISHED")
+
+    def _keep_diverged(self, message: str) -> None:
+        """A run that a nan stopped is finished: the same command would only meet the same nan."""
+        identity = {name: getattr(self.key, name) for name in ("digest", "seed", "code", "data")}
+        timing = {"fit_s": float("nan"), "test_s": float("nan")}
+        results = {"outcome": "diverged", "metrics": {}, "message": message, "parameters": 0, "timing": timing}
+        write_json(self.directory.metrics, results | identity)
+
+    def _end(self, failure: str | None, status: Literal["FINISHED", "FAILED", "KILLED"]) -> None:
+        try:
+            self.directory.update_state({"ended": time.time(), "failure": failure})
+        except OSError as error:  # a full disk must not hide what ended the run
+            console.print(f"[yellow]could not note the end of the run: {error}[/]")
+        if self.mirror is not None:
+            from sextant.tracking.mirror import finish_mirror
+
+            finish_mirror(self.mirror, self.directory, status, checkpoint=self.config.tracking.log_checkpoint)
+
+
+def execute_cell(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Run one cell of a sweep: like :func:`execute`, but an error becomes an outcome and the sweep goes on."""
+    try:
+        outcome = execute(raw, wait=True)
+    except KeyboardInterrupt:
+        raise
+    except Exception as error:
+        name: OutcomeName = "diverged" if isinstance(error, LossNotFiniteError) else "failed"
+        outcome = Outcome(name, Path(), message=f"{type(error).__name__}: {error}")
+    return asdict(outcome) | {"directory": str(outcome.directory)}
+
+
+def _flat(node: Any, prefix: str = "") -> dict[str, Any]:
+    if not isinstance(node, Mapping):
+        return {prefix.rstrip("."): node}
+    return {key: value for name, inner in node.items() for key, value in _flat(inner, f"{prefix}{name}.").items()}

@@ -1,0 +1,228 @@
+"""Fit, validate and test with Lightning; what the life cycle imports once everything light has been checked."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+from pytorch_lightning.callbacks import Callback, ModelCheckpoint
+
+from sextant.atomic_files import write_atomically, write_json
+from sextant.cli.progress import TrainingProgress
+from sextant.config import Config
+from sextant.errors import UserError
+from sextant.figures.style import save_figure
+from sextant.lifecycle.published_figures import same_images
+from sextant.recipes import Source, recipe_of
+from sextant.recipes.assemble import naming_groups
+from sextant.recipes.trained_model import load_weights, model_from_checkpoint, read_trained
+from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
+from sextant.runs.checkpoint_io import AtomicCheckpointIO
+from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.resolve import resolve_run
+from sextant.tasks.peak_memory import reset_peak_memory
+from sextant.tracking.logger import RunLogger
+from sextant.tracking.mirror import MirroredRun
+from sextant.tracking.system_metrics import system_metrics
+
+
+def train_and_test(
+    raw: Mapping[str, Any],
+    config: Config,
+    source: Source,
+    directory: RunDirectory,
+    key: RunKey,
+    mirror: MirroredRun | None,
+) -> dict[str, Any]:
+    """Train from the last checkpoint or from scratch, test, and write results; ``metrics.json`` is written last.
+
+    Returns:
+        The content of ``metrics.json``.
+    """
+    began = time.monotonic()
+    reset_peak_memory()
+    require_device(config)
+    torch.set_num_threads(config.trainer.threads)
+    pl.seed_everything(config.seed, verbose=False)
+    recipe = recipe_of(config.task.name)
+    data = recipe.data(raw, config, source)
+    spec = recipe.spec(raw, config, source, data)
+    module = recipe.module(raw, spec, training=True)
+    if config.init_from is not None:
+        checkpoint = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").checkpoint
+        load_weights(module, read_trained(checkpoint), checkpoint)
+    logger = RunLogger(directory, mirror)
+    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]
+    if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
+        callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
+    callbacks.append(_every_epoch(directory))
+    if config.trainer.progress:
+        callbacks.append(TrainingProgress())
+    trainer = _trainer(config, directory, logger, callbacks)
+
+    monitor = mirror if config.tracking.system_metrics else None
+    with naming_groups(raw), system_metrics(monitor, config.tracking.system_metrics_every_s):
+        resume = directory.last_checkpoint if directory.last_checkpoint.is_file() else None
+        trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        if trainer.interrupted:
+            raise KeyboardInterrupt
+        fitted = time.monotonic()
+        results = _test(trainer, module, data, config, directory)
+    return _write_results(results, directory, key, fit_s=fitted - began, test_s=time.monotonic() - fitted)
+
+
+def test_checkpoint(
+    raw: Mapping[str, Any],
+    config: Config,
+    source: Source,
+    content: Mapping[str, Any],
+    checkpoint: Path,
+    directory: RunDirectory,
+    key: RunKey,
+) -> dict[str, Any]:
+    """Test the model in a checkpoint under the conditions of ``raw``, and write results as a training run does."""
+    began = time.monotonic()
+    reset_peak_memory()
+    torch.set_num_threads(config.trainer.threads)
+    require_device(config)
+    module = model_from_checkpoint(raw, config, content, checkpoint)
+    data = recipe_of(config.task.name).data(raw, config, source)
+    trainer = _trainer(config, directory, RunLogger(directory, None), [])
+    with naming_groups(raw):
+        metrics = dict(trainer.test(module, data, verbose=False)[0])
+        results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
+        if (published := content[KEY].get("published")) is not None:
+            results["published"] = {**published, "same_images": same_images(raw, config)}
+        results = _with_record(results, module, data, config, directory)
+    return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
+
+
+def require_device(config: Config) -> None:
+    """Raise a ``UserError`` if the config asks for a GPU that is not there."""
+    if config.trainer.accelerator == "gpu" and not torch.cuda.is_available():
+        raise UserError("trainer.accelerator=gpu: no CUDA device was found on this machine", "Use trainer=cpu")
+
+
+def _write_results(
+    results: dict[str, Any], directory: RunDirectory, key: RunKey, *, fit_s: float, test_s: float
+) -> dict[str, Any]:
+    identity = {"digest": key.digest, "seed": key.seed, "code": key.code, "data": key.data}
+    results = results | identity | {"timing": {"fit_s": fit_s, "test_s": test_s}}
+    write_json(directory.metrics, results)
+    return results
+
+
+def _trainer(config: Config, directory: RunDirectory, logger: RunLogger, callbacks: list[Callback]) -> pl.Trainer:
+    return pl.Trainer(
+        accelerator=config.trainer.accelerator,
+        devices=config.trainer.devices,
+        precision=config.trainer.precision,
+        deterministic=config.trainer.deterministic,
+        max_epochs=config.trainer.max_epochs,
+        logger=logger,
+        callbacks=callbacks,
+        enable_checkpointing=bool(callbacks),
+        plugins=[AtomicCheckpointIO()],
+        default_root_dir=directory.path,
+        log_every_n_steps=config.trainer.log_every,
+        num_sanity_val_steps=0,
+        use_distributed_sampler=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
+
+
+def _every_epoch(directory: RunDirectory) -> ModelCheckpoint:
+    return ModelCheckpoint(
+        directory.checkpoints, filename="last", save_on_train_epoch_end=True, enable_version_counter=False
+    )
+
+
+def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckpoint:
+    return ModelCheckpoint(
+        directory.checkpoints,
+        filename="best",
+        monitor=monitor,
+        mode=mode,
+        save_on_train_epoch_end=True,
+        enable_version_counter=False,
+    )
+
+
+def _test(
+    trainer: pl.Trainer, module: Any, data: pl.LightningDataModule, config: Config, directory: RunDirectory
+) -> dict[str, Any]:
+    """Validate and test the chosen weights, and write arrays and figures."""
+    epochs, steps = trainer.current_epoch, trainer.global_step
+    if config.task.test_checkpoint == "best":
+        module.load_state_dict(load_checkpoint(directory.best_checkpoint)["state_dict"])
+    validation = dict(trainer.validate(module, data, verbose=False)[0])
+    results = {
+        "outcome": "finished" if module.converged(validation) else "diverged",
+        "metrics": validation | dict(trainer.test(module, data, verbose=False)[0]),
+        "test_checkpoint": config.task.test_checkpoint,
+        "epochs": epochs,
+        "steps": steps,
+    }
+    return _with_record(results, module, data, config, directory)
+
+
+def _with_record(
+    results: dict[str, Any], module: Any, data: pl.LightningDataModule, config: Config, directory: RunDirectory
+) -> dict[str, Any]:
+    """Write results by image and figures of the last test; ``results`` with what else it found."""
+    record = recipe_of(config.task.name).record(module, data, config)
+    write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
+    for name, figure in record.figures:
+        save_figure(figure, directory.figures, name)
+    for name, write in record.files.items():
+        write(directory.path / name)
+    parameters = sum(parameter.numel() for parameter in module.parameters())
+    table = {"table": record.table} if record.table else {}
+    return results | {"metrics": results["metrics"] | record.metrics, "parameters": parameters} | table | record.facts
+
+
+class _EpochSeed(Callback):
+    """Seeds torch from (seed, epoch) at the start of every epoch, so that a resumed epoch draws what it would have."""
+
+    def __init__(self, seed: int):
+        self.seed = seed
+
+    def on_train_epoch_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        torch.manual_seed(self.seed * 1_000_003 + trainer.current_epoch)
+
+
+class _Provenance(Callback):
+    """Puts the whole config into every checkpoint, as plain containers."""
+
+    def __init__(self, raw: Mapping[str, Any], spec: Mapping[str, Any], key: RunKey):
+        self.content = {
+            "schema_version": SCHEMA_VERSION,
+            "config": dict(raw),
+            "spec": dict(spec),
+            "task": key.task,
+            "digest": key.digest,
+            "seed": key.seed,
+            "code": key.code,
+            "data": key.data,
+        }
+
+    def on_save_checkpoint(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        checkpoint[KEY] = self.content
+
+    def on_load_checkpoint(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        """Let the record of the best checkpoint follow a moved run directory; Lightning would forget it."""
+        for callback in trainer.checkpoint_callbacks:
+            state = checkpoint["callbacks"].get(callback.state_key, {})
+            before, here = str(state.get("dirpath")), str(callback.dirpath)  # type: ignore[attr-defined]
+            for name in ("dirpath", "best_model_path", "last_model_path", "kth_best_model_path"):
+                state[name] = str(state.get(name, "")).replace(before, here)
+            scores = state.get("best_k_models", {})
+            state["best_k_models"] = {path.replace(before, here): score for path, score in scores.items()}

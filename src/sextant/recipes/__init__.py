@@ -1,0 +1,31 @@
+"""Recipes, one file a task: what the life cycle of a run asks of each. Only this package knows tasks by name."""
+
+from importlib import import_module
+
+from sextant.errors import UserError
+from sextant.recipes.recipe import Recipe, Source
+
+#: task.name -> import path of its recipe
+RECIPES = {
+    "calibration": "sextant.recipes.calibration.CalibrationRecipe",
+    "classification": "sextant.recipes.classification.ClassificationRecipe",
+    "cosfire": "sextant.recipes.cosfire.CosfireRecipe",
+    "localization": "sextant.recipes.localization.LocalizationRecipe",
+    "place_recognition": "sextant.recipes.place_recognition.PlaceRecognitionRecipe",
+}
+
+
+def recipe_of(task: str) -> Recipe:
+    """The recipe of ``task.name``.
+
+    Raises:
+        UserError: there is no such task.
+    """
+    if task not in RECIPES:
+        raise UserError(f"task={task}: no such task", f"Choose one of {', '.join(RECIPES)}.")
+    module, _, name = RECIPES[task].rpartition(".")
+    recipe: Recipe = getattr(import_module(module), name)()
+    return recipe
+
+
+__all__ = ["RECIPES", "Recipe", "Source", "recipe_of"]

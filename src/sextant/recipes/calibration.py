@@ -1,0 +1,143 @@
+"""Single-image calibration: how its parts are put together."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sextant.cli.work_progress import work_progress
+from sextant.config import Config
+from sextant.config.schema import CalibrationTask
+from sextant.errors import UserError
+from sextant.recipes.assemble import build, build_dataset, build_suite, build_training, conditions_name, part_name
+from sextant.recipes.recipe import Recipe, Source, TestRecord
+
+if TYPE_CHECKING:
+    from sextant.data.calibration.datamodule import CalibrationData
+    from sextant.data.calibration.panoramas import PanoramaSource
+    from sextant.tasks.calibration.module import Calibration
+
+#: cameras drawn to find the ranges and the middle of a distribution
+DRAWS, DRAW_SEED = 100_000, 999_983
+
+
+class CalibrationRecipe(Recipe):
+    """See :class:`~sextant.tasks.calibration.module.Calibration`."""
+
+    evaluation_example = "dataset=panorama_folder dataset.folder=<panoramas>"
+    sweep_example = "experiment=calibration_small seed=0,1,2 loss=bearing,l2_range"
+    test_settings = ("geometric_baselines",)
+
+    def source(self, raw: Mapping[str, Any], config: Config) -> "PanoramaSource":
+        """The dataset as a source of panoramas."""
+        from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources
+
+        source = as_panorama_source(build_dataset(raw, config))
+        for world in rendered_sources(source):
+            world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+        return source
+
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
+        for split in ("train", "val", "test"):
+            source.files(split)
+
+    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+        """Network, what it predicts, and how it is trained."""
+        names = ("backbone", "inhibition", "parameterization", "loss")
+        rows = {name: part_name(raw[name]) for name in names}
+        return rows | {"sampling": str(raw["sampling"].get("name", "")), "test": conditions_name(raw["corruption"])}
+
+    def data(self, raw: Mapping[str, Any], config: Config, source: "PanoramaSource") -> "CalibrationData":
+        """Crops of the panoramas."""
+        from sextant.data.calibration.datamodule import CalibrationData
+
+        task = config.task
+        assert isinstance(task, CalibrationTask)
+        return CalibrationData(
+            source,
+            build(raw, "sampling"),
+            build(raw, "test_sampling") if raw.get("test_sampling") else None,
+            size=(task.height, task.width),
+            crops_per_panorama=task.crops_per_panorama.model_dump(),
+            batch_size=config.trainer.batch_size,
+            eval_batch_size=config.trainer.eval_batch_size,
+            seed=config.seed,
+            workers=config.trainer.workers,
+            augment=task.augment,
+        )
+
+    def spec(
+        self, raw: Mapping[str, Any], config: Config, source: "PanoramaSource", data: "CalibrationData"
+    ) -> dict[str, Any]:
+        """Input size, and ranges that cover the distribution of cameras."""
+        import numpy as np
+
+        from sextant.geometry import CameraParameters, ParameterSpace
+        from sextant.tasks.calibration.module import reported
+
+        task = config.task
+        assert isinstance(task, CalibrationTask)
+        numbers = np.arange(DRAWS)
+        cameras = data.distribution.draw_for(numbers, np.zeros_like(numbers), DRAW_SEED).cameras
+        space = ParameterSpace.covering(build(raw, "parameterization"), cameras)
+        low, high = np.quantile(reported(cameras).numpy(), [0.16, 0.84], axis=0)
+        data.setup("validate")
+        return {
+            "height": task.height,
+            "width": task.width,
+            "aspects": list(data.distribution.aspects),
+            "low": space.low.tolist(),
+            "high": space.high.tolist(),
+            "validation_crops": data.count("val"),
+            "per_panorama": task.crops_per_panorama.val,
+            "median": [float(np.median(value)) for value in CameraParameters(*cameras)],
+            "spread": ((high - low) / 2).tolist(),
+        }
+
+    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "Calibration":
+        """The calibration module."""
+        from sextant.models import CalibrationNet
+        from sextant.tasks.calibration.module import Calibration, CalibrationSpec
+
+        task = raw["task"]
+        listed: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in spec.items()}
+        facts = CalibrationSpec(**listed)
+        parameterization = build(raw, "parameterization")
+        backbone = build(
+            raw,
+            "backbone",
+            in_channels=6 if task["coordinates"] else 3,
+            image_size=(facts.height, facts.width),
+            num_classes=task["features"],
+        )
+        try:
+            backbone = build(raw, "inhibition")(backbone)
+        except ValueError as error:
+            raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+        return Calibration(
+            CalibrationNet(backbone, task["features"], coordinates=task["coordinates"]),
+            facts,
+            parameterization,
+            build(raw, "loss", space=facts.space(parameterization)),
+            build_suite(raw),
+            clip=task["clip"],
+            **build_training(raw, training),
+        )
+
+    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: Any) -> None:
+        """Any panoramas will do."""
+
+    def record(self, module: "Calibration", data: "CalibrationData", config: Config) -> TestRecord:
+        """The network beside constant and geometric methods: table, errors by crop, figures."""
+        from sextant.tasks.calibration.report import arrays, compare, figures, metrics, table
+
+        assert isinstance(config.task, CalibrationTask)
+        assert module.result is not None
+        with work_progress("looking at lines", "crops") as progress:
+            report = compare(module, data, geometric=config.task.geometric_baselines, progress=progress)
+        return TestRecord(
+            arrays(module, report),
+            figures(module, data, report),
+            metrics(module, report),
+            table(report, module.result.panoramas),
+        )

@@ -1,0 +1,128 @@
+"""Image classification under corruptions: how its parts are put together."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from sextant.cli.console import console
+from sextant.config import Config
+from sextant.config.schema import ClassificationTask
+from sextant.data.source import ImageSource, ImageSpec
+from sextant.errors import UserError
+from sextant.recipes.assemble import build, build_dataset, build_suite, build_training, conditions_name, part_name
+from sextant.recipes.recipe import Recipe, Source, TestRecord
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from sextant.data.datamodule import ImageData
+    from sextant.tasks.classification.module import Classification
+
+
+class ClassificationRecipe(Recipe):
+    """See :class:`~sextant.tasks.classification.module.Classification`."""
+
+    evaluation_example = "corruption=gaussian"
+    sweep_example = "seed=0,1,2 inhibition=none,push_pull"
+    test_settings = ("test_every",)
+
+    def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
+        """The dataset as a source of labelled images."""
+        source = build_dataset(raw, config)
+        if not hasattr(source, "spec"):
+            name = getattr(source, "name", raw["dataset"].get("_target_"))
+            raise UserError(
+                f"dataset={name} holds no labelled images, which task=classification needs",
+                "Choose digits, mnist, fashion_mnist, cifar10 or image_folder; "
+                "worlds are rendered by sextant data render.",
+            )
+        return source  # type: ignore[no-any-return]
+
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files of the training or the test split are missing."""
+        source.files("train")
+        source.files("test")
+
+    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+        """Network, inhibition and test conditions."""
+        return {
+            "backbone": part_name(raw["backbone"]),
+            "inhibition": part_name(raw["inhibition"]),
+            "augmentation": part_name(raw.get("augmentation") or {"_target_": "none"}),
+            "test": conditions_name(raw["corruption"]),
+        }
+
+    def data(self, raw: Mapping[str, Any], config: Config, source: ImageSource) -> "ImageData":
+        """The batches of a source."""
+        from sextant.data.datamodule import ImageData
+
+        assert isinstance(config.task, ClassificationTask)
+        return ImageData(
+            source,
+            batch_size=config.trainer.batch_size,
+            eval_batch_size=config.trainer.eval_batch_size,
+            validation_fraction=config.task.validation_fraction,
+            split_seed=config.task.split_seed,
+            seed=config.seed,
+            augmentation=None if raw.get("augmentation") is None else build(raw, "augmentation"),
+            workers=config.trainer.workers,
+            test_every=config.task.test_every,
+        )
+
+    def spec(self, raw: Mapping[str, Any], config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
+        """Shape and classes of the images."""
+        spec = source.spec()
+        return {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
+
+    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "Classification":
+        """The classification module."""
+        from sextant.tasks.classification.module import Classification
+
+        network, suite = self.network(raw, spec), build_suite(raw)
+        return Classification(network, image_spec(spec), suite, **build_training(raw, training))
+
+    def network(self, raw: Mapping[str, Any], spec: Mapping[str, Any]) -> "nn.Module":
+        """The network alone, with its inhibition; Lightning is not imported."""
+        images = image_spec(spec)
+        network = build(
+            raw,
+            "backbone",
+            in_channels=images.channels,
+            image_size=(images.height, images.width),
+            num_classes=len(images.classes),
+        )
+        try:
+            return build(raw, "inhibition")(network)  # type: ignore[no-any-return]
+        except ValueError as error:
+            raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+
+    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: ImageSource) -> None:
+        """Raise a ``UserError`` unless the images have the shape and the number of classes of training."""
+        trained, found = image_spec(spec), source.spec()
+        if (found.channels, found.height, found.width) != (trained.channels, trained.height, trained.width):
+            raise UserError(
+                f"dataset={source.name} has images of {found.channels}x{found.height}x{found.width}, "
+                f"the model was trained on {trained.channels}x{trained.height}x{trained.width}",
+                "Choose a dataset of that shape; image_folder and digits take dataset.size",
+            )
+        if len(found.classes) != len(trained.classes):
+            raise UserError(
+                f"dataset={source.name} has {len(found.classes)} classes, the model was trained on "
+                f"{len(trained.classes)}"
+            )
+        if found.classes != trained.classes:
+            console.print(f"[yellow]the classes of dataset={source.name} have other names than those of training[/]")
+
+    def record(self, module: "Classification", data: "ImageData", config: Config) -> TestRecord:
+        """Predictions by condition, the figures of the test, what the network costs and what it was tested under."""
+        from sextant.tasks.classification.report import result_figures
+
+        assert module.result is not None
+        pictures = result_figures(
+            module.result, module.suite, module.network, module.spec.classes, data.split("test").images
+        )
+        return TestRecord(module.arrays(), pictures, facts=module.facts())
+
+
+def image_spec(spec: Mapping[str, Any]) -> ImageSpec:
+    """Shape and classes of the images that a model was trained on."""
+    return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))

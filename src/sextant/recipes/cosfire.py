@@ -1,0 +1,180 @@
+"""Recognition by COSFIRE filters: how its parts are put together."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.cli.work_progress import work_progress
+from sextant.config import Config
+from sextant.config.schema import CosfireTask
+from sextant.data.source import ImageSource
+from sextant.errors import UserError
+from sextant.recipes.assemble import build, build_dataset, build_training, part_name
+from sextant.recipes.classification import image_spec
+from sextant.recipes.cosfire_checks import check_parts
+from sextant.recipes.cosfire_parts import describing, features_of_run, make_filters, scenes_of
+from sextant.recipes.descriptors import descriptor_identity
+from sextant.recipes.recipe import Recipe, Source, TestRecord
+from sextant.runs.resolve import resolve_run
+
+if TYPE_CHECKING:
+    from sextant.data.examples import ExampleData
+    from sextant.tasks.cosfire.module import CosfireRecognition
+
+
+class CosfireRecipe(Recipe):
+    """See :class:`~sextant.tasks.cosfire.module.CosfireRecognition`."""
+
+    evaluation_example = "dataset=mnist"
+    sweep_example = "seed=0,1,2 bank=gabor,vectors"
+    test_settings = ("test_every",)
+
+    def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
+        """The dataset as a source of labelled images."""
+        check_parts(config, _task(config))
+        if raw["corruption"].get("corruptions"):
+            raise UserError("corruption: task=cosfire tests images as they are", "corruption=none")
+        source, scenes = build_dataset(raw, config), _task(config).scenes
+        if config.descriptor is not None:
+            descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a missing run is told at once
+        if hasattr(source, "spec"):
+            if scenes is not None:
+                raise UserError(
+                    f"task.scenes: dataset={source.name} has classes, not places", "Leave task.scenes out (null)."
+                )
+            return source  # type: ignore[no-any-return]
+        if scenes is None:
+            raise UserError(
+                f"dataset={getattr(source, 'name', raw['dataset'].get('_target_'))} holds no labelled images, which "
+                "task=cosfire needs; of places it needs task.scenes",
+                "Choose digits, mnist, fashion_mnist, cifar10 or image_folder, or experiment=cosfire_places.",
+            )
+        return scenes_of(source, scenes)
+
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files of the training or the test split are missing."""
+        source.files("train")
+        source.files("test")
+
+    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+        """Features, bank, strategy and methods."""
+        task, features = _task(config), raw["features"]
+        learnt = "none" if raw.get("backbone") is None else part_name(raw["backbone"])
+        return {
+            "features": learnt if features["run"] is None else f"run {features['run']}",
+            "bank": part_name(raw["bank"]),
+            "strategy": part_name(raw["strategy"]),
+            "filters": f"{task.filters_per_class} a class",
+            "methods": ", ".join(task.methods),
+        }
+
+    def data(self, raw: Mapping[str, Any], config: Config, source: ImageSource) -> "ExampleData":
+        """The batches of a source, and its examples."""
+        from sextant.data.examples import ExampleData, ExampleSettings
+
+        task = _task(config)
+        classes = len(source.spec().classes)
+        if task.novel_classes and not 2 <= task.novel_classes <= classes - 2:
+            raise UserError(
+                f"task.novel_classes={task.novel_classes}: dataset={source.name} has {classes} classes, of which the "
+                "network and the test need two each at least",
+                f"Choose 0, or a number from 2 to {classes - 2}.",
+            )
+        return ExampleData(
+            source,
+            batch_size=config.trainer.batch_size,
+            eval_batch_size=config.trainer.eval_batch_size,
+            validation_fraction=task.validation_fraction,
+            split_seed=task.split_seed,
+            seed=config.seed,
+            augmentation=None if raw.get("augmentation") is None else build(raw, "augmentation"),
+            workers=config.trainer.workers,
+            test_every=task.test_every,
+            settings=ExampleSettings(task.images, task.novel_classes, task.examples, held_out=task.scenes is None),
+        )
+
+    def spec(self, raw: Mapping[str, Any], config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
+        """Shape and classes of the images; of features of another run, what builds its network."""
+        spec = source.spec()
+        told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
+        if config.features is not None and config.features.run is not None:
+            from sextant.recipes.trained_model import read_trained
+            from sextant.runs.checkpoint import KEY
+
+            found = resolve_run(config.features.run, Path(config.paths.outputs), "features.run")
+            content = read_trained(found.checkpoint)[KEY]
+            told["features"] = {name: content[name] for name in ("task", "config", "spec")}
+        return told
+
+    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
+        """The module, with its network or the feature map of another run's."""
+        from sextant.tasks.cosfire.comparison import Comparison
+        from sextant.tasks.cosfire.filter_prototypes import PrototypeSettings
+        from sextant.tasks.cosfire.fine_tuning import FineTuning
+        from sextant.tasks.cosfire.module import CosfireRecognition
+
+        images, task = image_spec(spec), raw["task"]
+        shape = (images.channels, images.height, images.width)
+        network, features = None, None
+        if "features" in spec:
+            features = features_of_run(raw, spec["features"], shape, training=training)
+        elif raw.get("backbone") is not None:
+            network = build(
+                raw, "backbone", in_channels=shape[0], image_size=shape[1:], num_classes=len(images.classes)
+            )
+            if raw.get("inhibition") is not None:
+                network = build(raw, "inhibition")(network)
+        return CosfireRecognition(
+            partial(make_filters, raw),
+            images.classes,
+            PrototypeSettings(task["filters_per_class"], task["at"], task["margin"], task["least_parts"]),
+            Comparison(
+                tuple(task["methods"]),
+                tuple(task["prices"]),
+                tuple(task["scalings"]),
+                choose_among=task["choose_among"],
+                logarithms=task["logarithms"],
+                tiles=task["tiles"],
+                network_answers=not task["novel_classes"],
+                fine_tuning=FineTuning(**task["fine_tune"]),
+            ),
+            image_shape=shape,
+            network=network,
+            layer=raw["features"]["layer"],
+            features=features,
+            describe=describing(raw),
+            seed=raw["seed"],
+            show=partial(work_progress, unit="images"),
+            **(build_training(raw, training) if network is not None else {}),
+        )
+
+    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: ImageSource) -> None:
+        """Raise a ``UserError`` unless the images have the shape and the classes of training."""
+        trained, found = image_spec(spec), source.spec()
+        if (found.channels, found.height, found.width, found.classes) != (
+            trained.channels,
+            trained.height,
+            trained.width,
+            trained.classes,
+        ):
+            raise UserError(
+                f"dataset={source.name} has {len(found.classes)} classes of images of {found.channels}x{found.height}x"
+                f"{found.width}, the filters were configured from {len(trained.classes)} of {trained.channels}x"
+                f"{trained.height}x{trained.width}",
+                "Choose a dataset of the same classes and shape; image_folder and digits take dataset.size",
+            )
+
+    def record(self, module: "CosfireRecognition", data: "ExampleData", config: Config) -> TestRecord:
+        """Answers by method, pictures, a table of methods, and how many filters and parts there are."""
+        from sextant.tasks.cosfire.report import method_table, recognition_figures
+
+        assert module.result is not None
+        return TestRecord(
+            module.arrays(), recognition_figures(module, data), table=method_table(module.result), facts=module.facts()
+        )
+
+
+def _task(config: Config) -> CosfireTask:
+    assert isinstance(config.task, CosfireTask)
+    return config.task

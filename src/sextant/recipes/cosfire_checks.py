@@ -1,0 +1,71 @@
+"""Whether the choices of recognition by COSFIRE filters go together."""
+
+from sextant.config import Config
+from sextant.config.schema import CosfireTask
+from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank, VectorKeypoints
+from sextant.errors import UserError
+
+
+def check_parts(config: Config, task: CosfireTask) -> None:
+    """Raise a ``UserError`` where bank, strategy and network do not go together."""
+    if isinstance(config.bank, VectorBank) != isinstance(config.strategy, VectorKeypoints):
+        raise UserError(
+            "bank=vectors and strategy=vector_keypoints belong together",
+            "Choose both, or another bank with strategy=circles or channel_peaks.",
+        )
+    trained_before = _trained_before(config)
+    if task.scenes is not None:
+        _check_scenes(task, trains=config.backbone is not None and not trained_before)
+    if isinstance(config.bank, (VectorBank, FeatureBank)) and config.backbone is None and not trained_before:
+        raise UserError(
+            "no backbone and no features.run: bank looks at the feature map of a network",
+            "Choose a backbone, features=run:<id>, or bank=gabor.",
+        )
+    if not answering_with_parts(config, task):
+        raise UserError(
+            f"task.methods=[{', '.join(task.methods)}]: this run has none of what these need: a network (of its own "
+            "and of the classes that are tested for method network), or a descriptor",
+            "Add cosfire_svm or strongest_filter.",
+        )
+
+
+def answering_with_parts(config: Config, task: CosfireTask) -> list[str]:
+    """The methods that answer, without those for which this run lacks a network or a descriptor."""
+    trained_before = _trained_before(config)
+    lacking = {
+        "network": config.backbone is None or trained_before or bool(task.novel_classes),
+        "descriptor": config.descriptor is None,
+        **dict.fromkeys(("full_svm", "pooled_svm", "nearest"), config.backbone is None and not trained_before),
+    }
+    return [method for method in task.answering() if not lacking.get(method, False)]
+
+
+def _trained_before(config: Config) -> bool:
+    """Whether filters look at the network of another run."""
+    return config.features is not None and config.features.run is not None
+
+
+def _check_scenes(task: CosfireTask, *, trains: bool) -> None:
+    """Raise a ``UserError`` where something is chosen that places as classes leave no room for."""
+    if trains:
+        raise UserError(
+            "task.scenes: places have too few images each to train a network on",
+            "Name one: features=run:<id>; or bank=gabor strategy=circles '~backbone'.",
+        )
+    for name, values, example in (("prices", task.prices, "[1.0]"), ("scalings", task.scalings, "[all]")):
+        if len(values) > 1:
+            raise UserError(
+                f"task.{name}={values}: scenes leave no image to choose one by", f"For example task.{name}={example}"
+            )
+    if task.test_every > 1:
+        raise UserError(
+            f"task.test_every={task.test_every}: of scenes it would test some conditions alone",
+            "Set task.test_every=1; fewer scenes: task.scenes.spacing.",
+        )
+    for name, chosen in (("images", task.images), ("examples", task.examples), ("novel_classes", task.novel_classes)):
+        if chosen:
+            raise UserError(
+                f"task.{name}={chosen}: scenes have the images that task.scenes.references and neighbours name, and "
+                "are all told by these alone",
+                "Leave it out; fewer scenes: task.scenes.spacing.",
+            )

@@ -1,0 +1,117 @@
+"""What recognition by COSFIRE filters is put together from: filters, features of another run, scenes, descriptors."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.cli.work_progress import work_progress
+from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank
+from sextant.config.schema.tasks import SceneChoice
+from sextant.data.source import ImageSource
+from sextant.errors import UserError
+from sextant.recipes.assemble import build, part_name
+from sextant.runs.resolve import resolve_run
+
+if TYPE_CHECKING:
+    from sextant.layers.cosfire import Cosfire
+    from sextant.models import FeatureMap
+
+
+def make_filters(raw: Mapping[str, Any], features: "FeatureMap | None") -> "Cosfire":
+    """Filters by the groups ``bank``, ``strategy`` and ``filters``, not configured yet.
+
+    Raises:
+        UserError: the bank looks at a feature map and there is none.
+    """
+    from sextant.layers.cosfire import Blur, Cosfire, Tolerance
+
+    chosen = raw["filters"]
+    kinds = {part.model_fields["target"].annotation.__args__[0] for part in (FeatureBank, VectorBank)}  # type: ignore[union-attr]
+    arguments: dict[str, Any] = {}
+    if raw["bank"]["_target_"] in kinds:
+        if features is None:
+            raise UserError(
+                f"bank={part_name(raw['bank'])} looks at a feature map, and there is no network",
+                "Choose a backbone, or bank=gabor.",
+            )
+        arguments = {"features": features, "size": features.channels}
+    try:
+        return Cosfire(
+            build(raw, "bank", **arguments),
+            build(raw, "strategy"),
+            blur=Blur(chosen["sigma0"], chosen["alpha"], chosen["blur"]),
+            mean=chosen["mean"],
+            least_weight=chosen["least_weight"],
+            tolerance=Tolerance(chosen["rotations"], chosen["span_deg"], tuple(chosen["scales"]), chosen["reflection"]),
+            shift=chosen["shift"],
+            border=chosen["border"],
+            t1=chosen["t1"],
+            t3=chosen["t3"],
+            floor=chosen["floor"],
+        )
+    except ValueError as error:
+        raise UserError(f"filters: {error}") from None
+
+
+def features_of_run(
+    raw: Mapping[str, Any], kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
+) -> "FeatureMap":
+    """The feature map of another run's network; its weights are read when training begins, and then kept with ours."""
+    from sextant.models import FeatureMap
+    from sextant.recipes import recipe_of
+    from sextant.recipes.trained_model import load_weights, read_trained
+
+    if kept["task"] not in ("classification", "place_recognition"):
+        raise UserError(
+            f"features.run={raw['features']['run']} is a run of task={kept['task']}, which has no feature map",
+            "Name a run of task=classification or task=place_recognition.",
+        )
+    if kept["task"] == "classification" and raw["task"]["novel_classes"]:
+        raise UserError(
+            f"task.novel_classes={raw['task']['novel_classes']}: the network of features.run={raw['features']['run']} "
+            "was trained on classes of its own, and none is known to be new to it",
+            "Train the network here (a backbone in place of features=run), or task.novel_classes=0.",
+        )
+    module = recipe_of(kept["task"]).module(kept["config"], kept["spec"], training=False)
+    if training:
+        checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"]), "features.run").checkpoint
+        load_weights(module, read_trained(checkpoint), checkpoint)
+    layer = raw["features"]["layer"]
+    if kept["task"] == "place_recognition":
+        if layer is not None:  # one feature map within another would never see a layer of the inner one
+            known = module.network.backbone
+            network = known.network if isinstance(known, FeatureMap) else known
+            module.network.backbone = FeatureMap(network, shape[0], shape[1:], layer=layer)
+        layer = "backbone"
+    return FeatureMap(module.network.eval(), shape[0], shape[1:], layer=layer)
+
+
+def scenes_of(dataset: Any, chosen: SceneChoice) -> ImageSource:
+    """Places of a dataset as classes; rendered with progress if need be."""
+    from sextant.data.places import PlaceTolerance, Scenes, as_place_source, rendered_place_source
+
+    source = as_place_source(dataset)
+    world = rendered_place_source(source)
+    if world is not None:
+        world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+    return Scenes(
+        source,
+        references=chosen.references,
+        queries=chosen.queries,
+        spacing=chosen.spacing,
+        neighbours=chosen.neighbours,
+        tolerance=PlaceTolerance(source.place_unit, **getattr(chosen.tolerance, source.place_unit).model_dump()),
+    )
+
+
+def describing(raw: Mapping[str, Any]) -> Callable[[Any], Any] | None:
+    """What gives images the place descriptors that the config names; None if it names none."""
+    if raw.get("descriptor") is None:
+        return None
+    from sextant.recipes.descriptors import DescriptorFiles, describer
+
+    found = describer(raw, Path(raw["paths"]["outputs"]))
+    if isinstance(found, DescriptorFiles):
+        raise UserError("descriptor=files knows drives, not images of scenes", "Choose descriptor=run:<id>.")
+    return found.describe

@@ -1,0 +1,210 @@
+"""Descriptors of images for localization: training-free ones, a trained network's, or vectors worked out elsewhere.
+
+What is looked up before a run starts imports nothing heavy.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from sextant.errors import UserError
+from sextant.recipes.assemble import build
+from sextant.runs.resolve import resolve_run
+
+if TYPE_CHECKING:
+    from sextant.baselines.descriptor import PlaceDescriptor
+    from sextant.data.localization.described import Describer
+    from sextant.data.localization.drive import Drive
+    from sextant.data.places.image_rows import ImageRows
+    from sextant.tasks.places.network import TrainedPlaceNetwork
+
+
+@dataclass(frozen=True)
+class TrainedDescriptor:
+    """The network of a run of place recognition.
+
+    Args:
+        run: an MLflow run id, a run directory or its name, or a checkpoint.
+    """
+
+    run: str
+
+    def identity(self, outputs: Path) -> str:
+        """The hash of its checkpoint.
+
+        Raises:
+            UserError: there is no such run.
+        """
+        return resolve_run(self.run, outputs, "descriptor.run").identity
+
+    def describer(self, outputs: Path) -> "NetworkDescriber":
+        """The network, ready to describe images of the size it was trained on.
+
+        Raises:
+            UserError: there is no such run, or it is not one of place recognition.
+        """
+        from sextant.config import validate
+        from sextant.data.places.decoded_images import ImageSize
+        from sextant.recipes.trained_model import model_from_checkpoint, read_trained
+        from sextant.runs.checkpoint import KEY
+        from sextant.tasks.places.network import TrainedPlaceNetwork
+
+        found = resolve_run(self.run, outputs, "descriptor.run")
+        content = read_trained(found.checkpoint)
+        trained = content[KEY]
+        if trained["task"] != "place_recognition":
+            raise UserError(
+                f"descriptor.run={self.run} is a run of task={trained['task']}, which gives no place descriptor",
+                "Name a run of task=place_recognition.",
+            )
+        raw = trained["config"]
+        module = model_from_checkpoint(raw, validate(raw), content, found.checkpoint)
+        size = ImageSize(module.spec.height, module.spec.width, module.spec.channels)
+        return NetworkDescriber(TrainedPlaceNetwork(module.network, size, found.identity))
+
+
+@dataclass(frozen=True)
+class DescriptorFiles:
+    """Vectors that were worked out elsewhere: ``<folder>/<drive>.npy``, one row an image.
+
+    Args:
+        folder: that the files lie in.
+    """
+
+    folder: str
+
+    def identity(self) -> str:
+        """Hash of the names and contents of all files.
+
+        Raises:
+            UserError: there is no such folder, or it has no such file, or they are of different widths.
+        """
+        root = Path(self.folder).expanduser()
+        paths = sorted(root.rglob("*.npy"))
+        if not paths:
+            raise UserError(
+                f"descriptor.folder={self.folder}: there is no such folder, or no .npy file in it",
+                "One file a drive: <drive>.npy, an array (images, dimensions) of 32-bit floats.",
+            )
+        widths = {path.relative_to(root).as_posix(): _rows(path).shape[-1] for path in paths}
+        first = next(iter(widths))
+        if other := [name for name, width in widths.items() if width != widths[first]]:
+            raise UserError(
+                f"descriptor.folder={self.folder}: {first} has {widths[first]} numbers an image, {other[0]} has "
+                f"{widths[other[0]]}; map and drives must be described by the same descriptor",
+                f"Describe the images of {first.removesuffix('.npy')} or {other[0].removesuffix('.npy')} anew.",
+            )
+        hashed = hashlib.sha256()
+        for name, path in zip(widths, paths, strict=True):
+            hashed.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+        return hashed.hexdigest()
+
+    def of(self, drive: "Drive", count: int) -> Float32[ndarray, "n d"]:
+        """The vectors of a drive of ``count`` images.
+
+        Raises:
+            UserError: the file is missing, is no array of numbers, has another number of rows, or one that is nan.
+        """
+        path = Path(self.folder).expanduser() / f"{drive.name}.npy"
+        rows = _rows(path)
+        if rows.ndim != 2 or len(rows) != count or rows.dtype.kind != "f":
+            raise UserError(
+                f"{path} has shape {rows.shape} of {rows.dtype}; {count} rows of floats are needed, one an image",
+                "Describe the images of this drive anew, in their order.",
+            )
+        told = np.asarray(rows, np.float32)
+        if len(bad := np.flatnonzero(~np.isfinite(told).all(axis=1))):
+            raise UserError(
+                f"{path}: {len(bad):,} of {count:,} rows are not finite, the first is row {bad[0]}, counted from 0",
+                "Describe these images anew, or leave them out of the drive.",
+            )
+        return told
+
+
+def _rows(path: Path) -> ndarray:
+    """A file's array, mapped."""
+    try:
+        rows: ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise UserError(f"descriptor.folder: {path} cannot be read: {error}", "Write it with numpy.save.") from None
+    if not rows.ndim:
+        raise UserError(f"descriptor.folder: {path} holds a single number", "One row an image, by numpy.save.")
+    return rows
+
+
+class BaselineDescriber:
+    """A training-free descriptor, or one that learns from the images of the map alone."""
+
+    def __init__(self, descriptor: "PlaceDescriptor", identity: str):
+        self.descriptor, self.identity = descriptor, identity
+
+    def fit(self, images: "ImageRows") -> None:
+        """Learn from at most 10,000 images of the map, evenly spaced."""
+        rows = np.unique(np.linspace(0, len(images) - 1, min(len(images), 10_000)).astype(np.int64))
+        try:
+            self.descriptor.fit(images[rows])
+        except ValueError as error:
+            raise UserError(f"descriptor: {error}", "descriptor.dimensions=<fewer>, or a larger map") from None
+
+    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+        """Descriptors of a few images."""
+        return self.descriptor.describe(images)
+
+
+class NetworkDescriber:
+    """A trained network."""
+
+    def __init__(self, network: "TrainedPlaceNetwork"):
+        self.network, self.identity = network, network.model
+
+    def fit(self, images: "ImageRows") -> None:
+        """Learn nothing; see that the images have the size that the network was trained on.
+
+        Raises:
+            UserError: they have not.
+        """
+        size = self.network.size
+        if images.shape[1:] != (size.height, size.width, size.channels):
+            _, height, width, channels = images.shape
+            raise UserError(
+                f"the images are of {height}x{width}x{channels}, the descriptor was trained on "
+                f"{size.height}x{size.width}x{size.channels}",
+                f"dataset.height={size.height} dataset.width={size.width}",
+            )
+
+    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
+        """Descriptors of a few images."""
+        return np.concatenate([self.network.describe(images[k : k + 256]) for k in range(0, len(images), 256)])
+
+
+def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any]:
+    """A descriptor's config with what its files hold in place of where they lie. Light.
+
+    Raises:
+        UserError: there is no such run or folder.
+    """
+    if "run" in node:
+        return {"_target_": node["_target_"], "run": TrainedDescriptor(node["run"]).identity(outputs)}
+    if "folder" in node:
+        return {"_target_": node["_target_"], "folder": DescriptorFiles(node["folder"]).identity()}
+    return dict(node)
+
+
+def describer(raw: Mapping[str, Any], outputs: Path) -> "Describer | DescriptorFiles":
+    """The descriptor that a config names.
+
+    Raises:
+        UserError: it cannot be built.
+    """
+    found = build(raw, "descriptor")
+    if isinstance(found, DescriptorFiles):
+        return found
+    if isinstance(found, TrainedDescriptor):
+        return found.describer(outputs)
+    return BaselineDescriber(found, str(sorted(raw["descriptor"].items())))

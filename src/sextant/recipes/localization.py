@@ -1,0 +1,252 @@
+"""Localization: how its parts are put together."""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.cli.work_progress import work_progress
+from sextant.config import Config
+from sextant.config.schema import LocalizationTask
+from sextant.config.schema.localization.parts import LASERS
+from sextant.errors import UserError
+from sextant.recipes.assemble import build, build_dataset, build_training, part_name
+from sextant.recipes.descriptors import describer, descriptor_identity
+from sextant.recipes.recipe import Recipe, Source, TestRecord
+
+if TYPE_CHECKING:
+    from sextant.data.localization.datamodule import LocalizationDataModule
+    from sextant.data.localization.source import LocalizationSource
+    from sextant.tasks.localization.test import TestSettings
+
+#: of poses drawn about an image of the map, where the config gives none: in rad
+SPREAD_HEADING = math.radians(10)
+
+
+class LocalizationRecipe(Recipe):
+    """See :class:`~sextant.tasks.localization.module.Localization`."""
+
+    evaluation_example = "fault=kidnap"
+    sweep_example = "seed=0,1,2 recovery=none,bayes_restart"
+    prediction_example = "input=<folder of photos> odometry=<table>"
+    test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
+
+    def source(self, raw: Mapping[str, Any], config: Config) -> "LocalizationSource":
+        """The dataset as a source of drives."""
+        from sextant.data.localization.drive_settings import DriveSettings
+        from sextant.data.localization.source import as_localization_source
+
+        task = _task(config)
+        descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a run that is missing is told at once
+        settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)
+        source = as_localization_source(build_dataset(raw, config), settings)
+        if hasattr(source, "showing"):
+            source.showing = partial(work_progress, f"rendering {source.name}, once", "images")
+        return source
+
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files are missing; a world that is not rendered yet has none."""
+        for split in ("map", "validation", "test"):
+            source.files(split)
+
+    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+        """Descriptor, model and filter."""
+        names = ("descriptor", "observation", "motion", "recovery")
+        faults = raw["fault"] if raw.get("faults") is None else None
+        told = {name: part_name(raw[name]) for name in names}
+        assert config.filter is not None
+        particles = _task(config).particle_counts or [config.filter.particles]
+        told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
+        told["faults"] = ", ".join(raw["faults"]["faults"]) if faults is None else part_name(faults)
+        return told
+
+    def data(self, raw: Mapping[str, Any], config: Config, source: "LocalizationSource") -> "LocalizationDataModule":
+        """The drives with their descriptors."""
+        from sextant.data.localization.datamodule import LocalizationDataModule
+
+        task = _task(config)
+        return LocalizationDataModule(
+            source,
+            describer(raw, Path(config.paths.outputs)),
+            Path(config.paths.cache),
+            images=task.images,
+            fixed=task.objective == "joint",
+            seed=config.seed,
+            merge_duplicates=task.merge_duplicates,
+            show=lambda what: work_progress(what, "images"),
+        )
+
+    def spec(
+        self, raw: Mapping[str, Any], config: Config, source: Any, data: "LocalizationDataModule"
+    ) -> dict[str, Any]:
+        """Numbers of a descriptor; reads all drives, so that a mistake in any of them is told before training."""
+        from sextant.tasks.localization.test import check_runs
+        from sextant.tasks.localization.validation import check_validation
+
+        drives = data.drives
+        check_validation(drives)
+        check_runs(drives, _faults(raw), test_settings(raw, config, data))
+        if raw["descriptor"].get("folder") is not None:  # files of vectors, read where a mistake in them costs nothing
+            for drive in (drives.map, drives.validation_map, *drives.validation, *drives.test):
+                if drive is not None:
+                    data.descriptors(drive)
+        return {"dimension": 0 if isinstance(config.observation, LASERS) else data.dimension, "unit": drives.unit}
+
+    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> Any:
+        """The module of localization, by images or by a laser."""
+        task, likelihood = raw["task"], raw["likelihood"]
+        if _is_laser(raw):
+            from sextant.tasks.localization.laser import LaserLocalization
+
+            given = likelihood["tempering"]
+            return LaserLocalization(
+                partial(_scan_model, raw),
+                None if given == "fitted" else float(given),
+                task["validation_images"],
+                task["resolution_m"],
+            )
+        from sextant.localization.likelihood import Likelihood
+        from sextant.tasks.localization.module import Calibration, Localization
+
+        fit_tempering, fit_noise = (likelihood[key] == "fitted" for key in ("tempering", "appearance_noise"))
+        calibration = Calibration(
+            Likelihood(
+                likelihood["form"],
+                1.0 if fit_tempering else float(likelihood["tempering"]),
+                0.0 if fit_noise else float(likelihood["appearance_noise"]),
+                likelihood["dof"],
+            ),
+            fit_tempering,
+            fit_noise,
+            likelihood["whitening"],
+            task["validation_images"],
+        )
+        return Localization(
+            spec["dimension"],
+            raw["kernel"]["spatial"],
+            raw["kernel"]["ard"],
+            partial(build, raw, "observation"),
+            calibration,
+            objective=task["objective"],
+            neighbours=task["neighbours"],
+            **build_training(raw, training),
+        )
+
+    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: "LocalizationSource") -> None:
+        """Raise a ``UserError`` unless positions have the unit of training: hyper-parameters are lengths."""
+        unit = source.read().unit
+        if unit != spec["unit"]:
+            raise UserError(
+                f"dataset={source.name} tells positions in {unit}, the kernel was trained on {spec['unit']}",
+                "Train on this dataset.",
+            )
+
+    def record(self, module: Any, data: "LocalizationDataModule", config: Config) -> TestRecord:
+        """Localize the test drives: with each fault, along each drive, with each number of particles."""
+        from sextant.tasks.localization import report
+        from sextant.tasks.localization.test import run_trials, short_drives
+        from sextant.tasks.localization.validation import protocol_of
+
+        raw = config.model_dump(by_alias=True)
+        faults = _faults(raw)
+        settings = test_settings(raw, config, data)
+        with work_progress("localizing", "trials") as progress:
+            outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress))
+        trials = [outcome.trial for outcome in outcomes]
+        found = {report.name_of(o.trial, trials): report.judge(o, data.drives) for o in outcomes}
+        told = report.metrics(found, data.drives)  # before anything that is measured for itself adds to the peak memory
+        told |= {f"test/{name}": value for name, value in module.sensor_measures(data).items() if value == value}
+        files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}
+        if settings.replay:
+            files["figures"] = partial(report.write_replays, found, data.drives)
+        if _task(config).save_map and not _is_laser(raw):
+            from sextant.recipes.run_map import run_localizer, write_map
+
+            outputs = Path(config.paths.outputs)
+            files["map"] = lambda folder: write_map(run_localizer(module, data, settings, raw, outputs), folder)
+        return TestRecord(
+            report.arrays(found),
+            report.figures(found, data.drives),
+            told,
+            report.table(found),
+            facts={
+                **report.facts(found, protocol_of(data.drives)),
+                "notes": [*data.drives.notes, *short_drives(data.drives.test, settings)],
+            },
+            files=files,
+        )
+
+
+def test_settings(raw: Mapping[str, Any], config: Config, data: "LocalizationDataModule") -> "TestSettings":
+    """How drives are localized, by a config and a map."""
+    from sextant.localization import resampling
+    from sextant.localization.kld_size import KLDSize
+    from sextant.tasks.localization.test import TestSettings
+
+    task, filter = _task(config), config.filter
+    assert filter is not None
+    kld = None
+    if filter.kld is not None:
+        kld = KLDSize(
+            filter.kld.epsilon,
+            1 - filter.kld.confidence,
+            filter.kld.least,
+            filter.kld.most,
+            filter.kld.bin_position,
+            math.radians(filter.kld.bin_heading_deg),
+        )
+    return TestSettings(
+        build(raw, "motion"),
+        build(raw, "recovery"),
+        getattr(resampling, f"{filter.resampling.capitalize()}Resampling")(),
+        filter.ess_threshold,
+        kld,
+        filter.start,
+        tuple(task.particle_counts or [filter.particles]),
+        task.starts,
+        task.horizon,
+        task.every,
+        _spread(config, data),
+        config.seed,
+        task.replay,
+    )
+
+
+def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, float, float]:
+    """Standard deviations of poses drawn about an image of the map: as given, or from how far its images are apart."""
+    import torch
+
+    from sextant.localization.map_prior import half_spacing
+
+    assert config.filter is not None
+    position = config.filter.spread_position or half_spacing(torch.from_numpy(data.drives.map.poses))
+    heading = config.filter.spread_heading_deg
+    if data.drives.unit == "frames":
+        return position, 0.0, 0.0
+    return position, position, SPREAD_HEADING if heading is None else math.radians(heading)
+
+
+def _faults(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """The faults to try, by name."""
+    if raw.get("faults") is None:
+        name = re.sub(r"(?<!^)(?=[A-Z])", "_", str(raw["fault"]["_target_"]).rsplit(".", 1)[-1]).lower()
+        return {"none" if name == "no_fault" else name: build(raw, "fault")}
+    return {name: build(raw["faults"]["faults"], name) for name in raw["faults"]["faults"]}
+
+
+def _is_laser(raw: Mapping[str, Any]) -> bool:
+    return str(raw["observation"]["_target_"]) in {
+        laser.model_fields["target"].annotation.__args__[0]  # type: ignore[union-attr]
+        for laser in LASERS
+    }
+
+
+def _scan_model(raw: Mapping[str, Any], grid: Any, scanner: Any, tempering: float) -> Any:
+    return build(raw, "observation", grid=grid, scanner=scanner, tempering=tempering)
+
+
+def _task(config: Config) -> LocalizationTask:
+    assert isinstance(config.task, LocalizationTask)
+    return config.task

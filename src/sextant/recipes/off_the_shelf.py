@@ -1,0 +1,134 @@
+"""A layer of a trained network beside the place descriptors: found, built and cut as a config says.
+
+What is looked up before training imports nothing heavy.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sextant.config.schema.places.parts import OffTheShelf
+from sextant.data.source import file_sha256
+from sextant.errors import ArgumentError, UserError
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from sextant.baselines.network_layer import NetworkLayer
+
+#: of the images that ImageNet's classifiers are trained on, by channel
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+KEY = "task.off_the_shelf"
+
+
+@dataclass(frozen=True)
+class _Trained:
+    """A trained network as it is: its name, the channels it takes, and what its images are standardised with."""
+
+    name: str
+    network: "nn.Module"
+    channels: int
+    mean: Sequence[float]
+    std: Sequence[float]
+
+
+def weights_identity(shelf: OffTheShelf, outputs: Path) -> str:
+    """What the weights are, wherever they lie: the hash of their file. Light, so that a mistake is told at once.
+
+    Raises:
+        UserError: there is no such file or run.
+    """
+    if shelf.network is None:
+        from sextant.runs.resolve import resolve_run
+
+        return resolve_run(shelf.weights, outputs, f"{KEY}.weights").identity
+    if shelf.weights == "imagenet":
+        return shelf.weights
+    path = Path(shelf.weights).expanduser()
+    if not path.is_file():
+        raise UserError(
+            f"{KEY}.weights={shelf.weights}: there is no such file",
+            f"Give the state dict of a {shelf.network}, or weights: imagenet, which are fetched. "
+            "For a run of Sextant, or a published .pth.tar, leave out network.",
+        )
+    return file_sha256(path)
+
+
+def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path) -> "tuple[str, NetworkLayer]":
+    """The descriptor that a config names, and what it is called: ``off the shelf: alexnet features.7``.
+
+    Args:
+        shelf: the config.
+        image_size: height and width of the images, to which it describes them unless the config names a size.
+        outputs: folder of runs.
+
+    Raises:
+        UserError: there is no such network, file, run or layer, or the weights are not those of the network.
+    """
+    from torch import nn
+
+    from sextant.baselines.network_layer import NetworkLayer
+    from sextant.models import FeatureMap
+    from sextant.models.standardize import Standardize
+
+    size = image_size if shelf.size is None else (shelf.size[0], shelf.size[1])
+    weights_identity(shelf, outputs)
+    with _naming_the_key():
+        found = _run(shelf, outputs) if shelf.network is None else _classifier(shelf.network, shelf.weights, size)
+        features = FeatureMap(found.network, found.channels, size, layer=shelf.layer)
+    layer = NetworkLayer(
+        nn.Sequential(Standardize(found.channels, found.mean, found.std), features),
+        *size,
+        channels=found.channels,
+        grid=(shelf.grid[0], shelf.grid[1]),
+        dimensions=shelf.dimension,
+    )
+    return f"off the shelf: {found.name} {features.layer}", layer
+
+
+def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
+    """The network of a run, a checkpoint or a published file; it standardises its images itself."""
+    from sextant.cli.evaluate import checkpoint_config
+    from sextant.recipes.trained_model import model_from_checkpoint, read_trained
+    from sextant.runs.checkpoint import KEY as CONTENT
+    from sextant.runs.resolve import resolve_run
+
+    path = resolve_run(shelf.weights, outputs, f"{KEY}.weights").checkpoint
+    content = read_trained(path)
+    raw, config = checkpoint_config(content[CONTENT], [])
+    channels = int(content[CONTENT]["spec"].get("channels", 3))
+    backbone = raw["backbone"]
+    name = str(backbone.get("name") or str(backbone["_target_"]).rsplit(".", 1)[-1])
+    network = model_from_checkpoint(raw, config, content, path).network
+    return _Trained(name, network, channels, (0.0,) * channels, (1.0,) * channels)
+
+
+def _classifier(name: str, weights: str, size: tuple[int, int]) -> _Trained:
+    """A classifier of torchvision, else of timm, with its own classes and weights from a file or the Internet."""
+    from torchvision import models
+
+    from sextant.models import timm_backbone
+    from sextant.models.torchvision_backbone import torchvision_classifier
+    from sextant.models.weights_file import load_weights
+
+    if name in models.list_models(models):
+        return _Trained(name, torchvision_classifier(name, weights), 3, IMAGENET_MEAN, IMAGENET_STD)
+    fetched = weights == "imagenet"
+    network = timm_backbone(name, 3, size, 1000, pretrained=fetched)
+    if not fetched:
+        load_weights(network, Path(weights).expanduser())
+    settings = getattr(network, "pretrained_cfg", {})
+    return _Trained(name, network, 3, settings.get("mean", IMAGENET_MEAN), settings.get("std", IMAGENET_STD))
+
+
+@contextmanager
+def _naming_the_key() -> Iterator[None]:
+    """Say of a mistake that was found elsewhere in which key it was made."""
+    try:
+        yield
+    except UserError as error:
+        keys = {"name": f"{KEY}.network", "weights": f"{KEY}.weights"}
+        told = error.named(keys) if isinstance(error, ArgumentError) else error
+        raise UserError(told.problem if told.problem.startswith(KEY) else f"{KEY}: {told.problem}", told.fix) from None

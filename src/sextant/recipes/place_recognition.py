@@ -1,0 +1,295 @@
+"""Place recognition: how its parts are put together."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.cli.work_progress import work_progress
+from sextant.config import Config
+from sextant.config.schema import PlaceRecognitionTask
+from sextant.data.source import MissingDataError
+from sextant.errors import UserError
+from sextant.recipes.assemble import build, build_dataset, build_training, part_name
+from sextant.recipes.off_the_shelf import off_the_shelf, weights_identity
+from sextant.recipes.recipe import Recipe, Source, TestRecord
+
+if TYPE_CHECKING:
+    from sextant.baselines.network_layer import NetworkLayer
+    from sextant.data.places import PlaceSource
+    from sextant.data.places.datamodule import PlaceData
+    from sextant.tasks.places.module import PlaceRecognition
+
+
+#: the dataset that is for tests alone
+FACTORS = "town_factors"
+#: height and width at which training-free and linear descriptors see images
+BASELINE_SIZE = (32, 64)
+
+
+class PlaceRecognitionRecipe(Recipe):
+    """See :class:`~sextant.tasks.places.module.PlaceRecognition`."""
+
+    evaluation_example = "dataset=nordland"
+    sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
+    prediction_example = "map=<folder> queries=<folder>"
+    test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
+
+    def source(self, raw: Mapping[str, Any], config: Config) -> "PlaceSource":
+        """The dataset as a source of places."""
+        from sextant.data.places import ConditionSplit, ConditionSplitSource, as_place_source, rendered_place_source
+
+        source = as_place_source(build_dataset(raw, config))
+        world = rendered_place_source(source)
+        if world is not None:
+            world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+        task = _task(config)
+        if task.off_the_shelf is not None:
+            weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # a file that is missing is told at once
+        if source.name == FACTORS:  # its conditions are all of the test
+            return source
+        if task.train_conditions is None and task.test_conditions is None:
+            return source
+        train, test = (None if c is None else tuple(c) for c in (task.train_conditions, task.test_conditions))
+        return ConditionSplitSource(source, ConditionSplit(train, test, tuple(task.shared_conditions)))
+
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
+        _can_train_on(source)
+        for split in ("train", "val", "test"):
+            source.files(split)
+
+    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+        """Network, and how it is trained."""
+        return {name: part_name(raw[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
+
+    def data(self, raw: Mapping[str, Any], config: Config, source: "PlaceSource") -> "PlaceData":
+        """Batches of places."""
+        from sextant.data.places.augmentation import PlaceAugmentation
+        from sextant.data.places.datamodule import PlaceData
+
+        task = _task(config)
+        return PlaceData(
+            source,
+            _tolerance(task.tolerance, source),
+            _tolerance(task.test_tolerance, source),
+            batch_places=task.batch_places,
+            batch_conditions=task.batch_conditions,
+            eval_batch_size=config.trainer.eval_batch_size,
+            seed=config.seed,
+            workers=config.trainer.workers,
+            augmentation=PlaceAugmentation(**task.augmentation.model_dump()),
+        )
+
+    def spec(self, raw: Mapping[str, Any], config: Config, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
+        """Shape of the images; reads all splits, so that a mistake in any of them is told before training."""
+        _can_train_on(source)
+        data.check()
+        task = _task(config)
+        if task.whitening is not None:
+            from sextant.tasks.places.whitening import require_enough
+
+            require_enough(data.split("train"), data.tolerance, task.dimension)
+        _, height, width, channels = data.split("val").images.shape
+        return {"channels": channels, "height": height, "width": width}
+
+    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
+        """The module of place recognition."""
+        from sextant.tasks.places.module import PlaceRecognition, PlaceSpec
+        from sextant.tasks.places.network import place_network
+        from sextant.tasks.places.whitening import Whitening
+
+        if raw["corruption"].get("corruptions"):
+            raise UserError(
+                "corruption: task=place_recognition tests under the conditions of its dataset", "corruption=none"
+            )
+        task = raw["task"]
+        network = place_network(raw, spec, partial(build, raw))
+        if training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
+            raise UserError(
+                f"task.whitening: the pooling gives {network.pooling.features} numbers, and task.dimension="
+                f"{task['dimension']} are asked for",
+                f"task.whitening=null, or task.dimension={network.pooling.features} or less",
+            )
+        return PlaceRecognition(
+            network,
+            PlaceSpec(spec["channels"], spec["height"], spec["width"]),
+            build(raw, "loss"),
+            build(raw, "mining"),
+            seed=raw["seed"],
+            clip=task["clip"],
+            whitening=None if task["whitening"] is None else Whitening(**task["whitening"]),
+            **build_training(raw, training),
+        )
+
+    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: "PlaceSource") -> None:
+        """Raise a ``UserError`` unless the images have the shape of training, and all splits are there that are needed.
+
+        The temperature of the posterior is fitted on the validation split, unless recall against factors is all that is
+        told; and baselines learn from the training split.
+        """
+        from sextant.tasks.places.invariance import has_factors
+
+        if not has_factors(source.conditions("test")):
+            source.files("val")
+        if raw["task"]["baselines"]:
+            try:
+                source.files("train")
+            except MissingDataError as error:
+                raise UserError(error.problem, f"{error.fix}, or leave baselines out: task.baselines=false") from None
+        _, height, width, channels = source.read("test").images.shape
+        if (channels, height, width) != (spec["channels"], spec["height"], spec["width"]):
+            raise UserError(
+                f"dataset={source.name} has images of {channels}x{height}x{width}, "
+                f"the model was trained on {spec['channels']}x{spec['height']}x{spec['width']}",
+                f"dataset.height={spec['height']} dataset.width={spec['width']} dataset.channels={spec['channels']}",
+            )
+
+    def record(self, module: "PlaceRecognition", data: "PlaceData", config: Config) -> TestRecord:
+        """The network beside training-free and linear descriptors: table, hits by query, figures."""
+        from sextant.models import network_cost
+        from sextant.tasks.places import report
+        from sextant.tasks.places.condition_pairs import condition_pairs, pair_arrays, pair_metrics
+        from sextant.tasks.places.invariance import has_factors
+        from sextant.tasks.places.methods import describe_all, network_descriptors
+        from sextant.tasks.places.methods import fitted as learnt
+
+        assert module.result is not None
+        task, result = _task(config), module.result
+        if has_factors(result.places.conditions):
+            return _factors_record(config, module, data)
+        network, own = module.network.eval(), result.descriptors
+        data.setup("validate")
+        train = _training_split(data)
+        described, shelf_left_out = {report.NETWORK: own}, dict[str, str]()
+        if task.baselines and train is not None:
+            shelf, shelf_left_out = learnt(_shelf(config, module), train, result.places.conditions[0])
+            untrained = {"untrained network": _untrained(config, module, result.places)}
+            described = describe_all(shelf, result.places) | untrained | described
+        with work_progress("comparing descriptors", "conditions") as progress:
+            found = report.compare(
+                described,
+                result.places,
+                train if task.baselines else None,
+                data.test_tolerance,
+                sequence_length=task.sequence_length,
+                size=BASELINE_SIZE,
+                progress=progress,
+            )
+        val, elsewhere = data.split("val"), None
+        if train is not None:
+            elsewhere = network_descriptors(network, train.select(train.rows_of(train.conditions[0])))
+        fitted = report.temperature(network_descriptors(network, val), val, data.test_tolerance, elsewhere)
+        spec = module.spec
+        cost = network_cost(network, (spec.height, spec.width), spec.channels)
+        pairs = condition_pairs(own, result.places, data.test_tolerance)
+        return TestRecord(
+            report.arrays(found) | pair_arrays(pairs, data.test_tolerance),
+            report.figures(found, result.places, pairs),
+            report.metrics(found, report.posteriors_of(found, fitted)) | pair_metrics(pairs, data.test_tolerance),
+            report.table(found, task.sequence_length),
+            facts={
+                "cost": {
+                    "multiplications": cost.macs,
+                    "pull_multiplications": cost.pull_macs,
+                    "descriptor_bytes": 4 * own.shape[1],
+                },
+                "skipped": {split: list(images.skipped) for split, images in data.splits.items()},
+                "ceiling": report.ceilings(found),
+                "baselines_left_out": {each.protocol.query: each.left_out | shelf_left_out for each in found},
+            },
+        )
+
+
+def _training_split(data: "PlaceData") -> Any:
+    """The training images; None where a model is tested on data that has none."""
+    try:
+        data.setup("fit")
+    except UserError:
+        return None
+    return data.split("train")
+
+
+def _can_train_on(source: Source) -> None:
+    if source.name == FACTORS:
+        raise UserError(
+            "dataset=town_factors is for tests: there is but one condition to train on, and no validation split",
+            "python evaluate.py run=<run> dataset=town_factors",
+        )
+
+
+def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData") -> TestRecord:
+    """Recall of the network and of descriptors that learn from no pair, against one factor of appearance at a time."""
+    from sextant.tasks.places import invariance as curves
+    from sextant.tasks.places import report
+    from sextant.tasks.places.methods import describe_all, fitted, training_free
+
+    assert module.result is not None
+    task, places = _task(config), module.result.places
+    described, left_out = {report.NETWORK: module.result.descriptors}, dict[str, str]()
+    if task.baselines:
+        train = data.source.read("train")
+        methods, left_out = fitted(training_free(*BASELINE_SIZE) | _shelf(config, module), train, places.conditions[0])
+        untrained = {"untrained network": _untrained(config, module, places)}
+        described = describe_all(methods, places) | untrained | described
+    with work_progress("comparing descriptors", "conditions") as progress:
+        found = report.compare(
+            described,
+            places,
+            None,
+            data.test_tolerance,
+            sequence_length=task.sequence_length,
+            size=BASELINE_SIZE,
+            progress=progress,
+        )
+    invariance = curves.invariance(found)
+    return TestRecord(
+        report.arrays(found),
+        iter([("invariance_curves", curves.invariance_figure(invariance))]),
+        curves.invariance_metrics(found),
+        curves.invariance_table(invariance),
+        facts={
+            "invariance": curves.invariance_facts(invariance),
+            "skipped": {"test": list(places.skipped)},
+            "baselines_left_out": left_out,
+        },
+    )
+
+
+def _shelf(config: Config, module: "PlaceRecognition") -> "dict[str, NetworkLayer]":
+    """The layer of a network trained for something else that the config names, by its name in the table; or none."""
+    shelf = _task(config).off_the_shelf
+    if shelf is None:
+        return {}
+    name, layer = off_the_shelf(shelf, (module.spec.height, module.spec.width), Path(config.paths.outputs))
+    layer.features.to(module.device)
+    return {name: layer}
+
+
+def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:
+    """Descriptors of the same network with first weights of the run's seed."""
+    import torch
+
+    from sextant.tasks.places.methods import network_descriptors
+
+    spec = module.spec
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        fresh = PlaceRecognitionRecipe().module(
+            config.model_dump(by_alias=True),
+            {"channels": spec.channels, "height": spec.height, "width": spec.width},
+            training=False,
+        )
+    return network_descriptors(fresh.network.eval().to(module.device), places)
+
+
+def _task(config: Config) -> PlaceRecognitionTask:
+    assert isinstance(config.task, PlaceRecognitionTask)
+    return config.task
+
+
+def _tolerance(chosen: Any, source: "PlaceSource") -> Any:
+    """The tolerance in the unit in which the source knows its places."""
+    from sextant.data.places import PlaceTolerance
+
+    return PlaceTolerance(source.place_unit, **getattr(chosen, source.place_unit).model_dump())

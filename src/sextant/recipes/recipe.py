@@ -1,0 +1,100 @@
+"""What a recipe is to the life cycle of a run."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+
+from sextant.config import Config
+
+if TYPE_CHECKING:
+    import pytorch_lightning as pl
+    from matplotlib.figure import Figure
+
+
+class Source(Protocol):
+    """A dataset that can be checked and hashed before anything is trained on it."""
+
+    name: str
+
+    def files(self, split: Any) -> list[Path]:
+        """The files of a split; raises ``MissingDataError`` if one is missing."""
+
+    def fingerprint(self) -> str:
+        """Hash that changes when the data does."""
+
+
+@dataclass(frozen=True)
+class TestRecord:
+    """What a test leaves beside the metrics that were logged.
+
+    Attributes:
+        arrays: results by image.
+        figures: pictures by name, made when asked for.
+        metrics: further numbers.
+        table: rows of a comparison, each a mapping from column to text.
+        facts: what else belongs beside the results, as plain values.
+        files: what else is written: a file or folder below the run's, and what writes it.
+    """
+
+    arrays: dict[str, np.ndarray]
+    figures: "Iterator[tuple[str, Figure]]"
+    metrics: dict[str, float] = field(default_factory=dict)
+    table: list[dict[str, str]] = field(default_factory=list)
+    facts: dict[str, Any] = field(default_factory=dict)
+    files: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
+
+
+class Recipe(ABC):
+    """Builds and tests the parts of one task. Methods marked *light* import nothing heavy.
+
+    Attributes:
+        evaluation_example: arguments of ``evaluate.py`` that a user may want next.
+        sweep_example: arguments of ``train.py -m`` that a user may want next.
+        prediction_example: arguments of ``predict.py`` that say what to predict.
+        test_settings: keys of ``task`` that say how is tested, and may change after training.
+    """
+
+    evaluation_example: ClassVar[str]
+    sweep_example: ClassVar[str]
+    prediction_example: ClassVar[str] = "input=<folder>"
+    test_settings: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def source(self, raw: Mapping[str, Any], config: Config) -> Source:
+        """The dataset. Light.
+
+        Raises:
+            UserError: it is not one that this recipe can use.
+        """
+
+    @abstractmethod
+    def check(self, source: Source) -> None:
+        """Raise a ``UserError`` if files that a run needs are missing. Light."""
+
+    @abstractmethod
+    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+        """What a run says of itself before it starts. Light."""
+
+    @abstractmethod
+    def data(self, raw: Mapping[str, Any], config: Config, source: Any) -> "pl.LightningDataModule":
+        """Training, validation and test batches."""
+
+    @abstractmethod
+    def spec(self, raw: Mapping[str, Any], config: Config, source: Any, data: Any) -> dict[str, Any]:
+        """Plain facts about the data that the model is built from; they are kept in its checkpoints."""
+
+    @abstractmethod
+    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> Any:
+        """The Lightning module; ``training=False`` leaves out optimiser and schedule."""
+
+    @abstractmethod
+    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: Any) -> None:
+        """Raise a ``UserError`` unless a model of ``spec`` can be tested on ``source``."""
+
+    @abstractmethod
+    def record(self, module: Any, data: Any, config: Config) -> TestRecord:
+        """What the test that the module just ran leaves."""

@@ -1,0 +1,95 @@
+"""The map that a run of localization keeps: what ``predict.py`` and ``sextant.Localizer`` open."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from sextant.applications.localization.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
+from sextant.applications.localization.localizer import Localizer
+from sextant.errors import UserError
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.particle_filter import ParticleFilter
+from sextant.recipes.descriptors import BaselineDescriber
+from sextant.runs.resolve import resolve_run
+from sextant.tasks.localization.validation import protocol_of
+
+if TYPE_CHECKING:
+    from sextant.data.localization.datamodule import LocalizationDataModule
+    from sextant.tasks.localization.module import Localization
+    from sextant.tasks.localization.test import TestSettings
+
+#: images of the map that are described anew, to be sure that the descriptor is the one the map was described with
+COMPARED = 4
+#: and by how much they may differ, relative to the largest value
+SAME = 1e-2
+
+
+def run_localizer(
+    module: "Localization",
+    data: "LocalizationDataModule",
+    settings: "TestSettings",
+    raw: Mapping[str, Any],
+    outputs: Path,
+) -> Localizer:
+    """The dataset's map with the calibrated likelihood, the filter of the test and the descriptor.
+
+    Raises:
+        UserError: the descriptors in the cache are not those that the descriptor gives.
+    """
+    drive, protocol = data.drives.map, protocol_of(data.drives)
+    model = module.fit_map(data, drive)
+    filter = ParticleFilter(
+        settings.motion,
+        settings.resampling,
+        settings.recovery,
+        MapPrior(model.map.poses, settings.spread[:2], settings.spread[2]),
+        ess_threshold=settings.ess_threshold,
+        kld=settings.kld,  # type: ignore[arg-type]
+    )
+    kept = _kept(data, raw, outputs)
+    whitener: Tensor = module.whitener
+    descriptor = replace(kept, whitener=whitener if len(whitener) else None)
+    return Localizer(
+        model,
+        module.likelihood,
+        filter,
+        radius=protocol.position * 2,
+        descriptor=descriptor,
+        image_size=None if drive.images is None else tuple(drive.images.shape[1:]),  # type: ignore[arg-type]
+        unit=data.drives.unit,
+        particles=settings.particle_counts[-1],
+        facts={
+            "dataset": data.source.name,
+            "fingerprint": data.source.fingerprint(),
+            "protocol": {"name": data.drives.protocol, "position": protocol.position, "heading": protocol.heading_deg},
+        },
+    )
+
+
+def _kept(data: "LocalizationDataModule", raw: Mapping[str, Any], outputs: Path) -> KeptDescriptor:
+    describer, images = data.describer, data.drives.map.images
+    if "run" in raw["descriptor"]:
+        return kept_network(resolve_run(raw["descriptor"]["run"], outputs).checkpoint, trust=True)  # it ran already
+    if not isinstance(describer, BaselineDescriber) or images is None:
+        return KeptDescriptor()
+    describer.fit(images)  # the descriptors may all have come from the cache
+    kept = kept_baseline(describer.descriptor)
+    known = np.asarray(data.descriptors(data.drives.map)[:COMPARED])
+    found = describer.describe(images[:COMPARED])
+    if np.abs(found - known).max() > SAME * np.abs(known).max():
+        raise UserError(
+            f"the descriptors of the map in {data.cache} are not those that the descriptor gives now",
+            f"They are of another version: delete {data.cache}/descriptors-*.npy and run again.",
+        )
+    return kept if kept.facts["kind"] == "baseline" else KeptDescriptor()  # one of the user's own is not kept
+
+
+def write_map(localizer: Localizer, folder: Path) -> None:
+    """Write a run's map."""
+    with torch.no_grad():
+        localizer.save(folder)

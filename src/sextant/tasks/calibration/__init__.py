@@ -1,0 +1,1 @@
+"""Camera calibration from one image (chapter 2): module and report."""

@@ -1,0 +1,236 @@
+"""The trained network beside methods that learn nothing or look at lines alone: errors, table, figures."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int64, UInt8
+from numpy import ndarray
+
+from sextant.data.calibration.datamodule import CalibrationData
+from sextant.evaluation.calibration.errors import calibration_errors
+from sextant.evaluation.calibration.sparsification import sparsification
+from sextant.evaluation.calibration.summary import median_error, methods_table, summary
+from sextant.evaluation.conformal import TABLE_LEVELS, coverage
+from sextant.geometry import CameraParameters
+from sextant.tasks.calibration.module import Calibration, CalibrationPrediction, reported
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Progress = Callable[[int, int], None]
+#: errors that are kept as metrics of a run
+KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undistortion_px")
+#: columns of the table that is printed
+COLUMNS = ("method", "tilt (°)", "roll (°)", "vfov (°)", "k1", "k1/f²", "bearing (°)", "undistortion (px @480)")
+REPORTED = ("tilt", "roll", "vfov", "k1_hat")
+BATCH, THREADS, SHEET = 64, 2, 16
+#: images with fewer long segments than this share of the validation images count as poor in lines
+FEW_LINES_SHARE = 0.25
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """Errors of every method on the test crops.
+
+    Attributes:
+        cameras: predicted ones by method, in the order of the table.
+        errors: by method, then by name.
+        few_lines: which crops are poor in lines; None without geometric methods.
+        few_lines_below: the number of long segments that makes a crop poor, fixed on validation.
+    """
+
+    cameras: dict[str, CameraParameters]
+    errors: dict[str, dict[str, Float[ndarray, "n"]]]
+    few_lines: Bool[ndarray, "n"] | None = None
+    few_lines_below: int = 0
+
+
+def compare(module: Calibration, data: CalibrationData, *, geometric: bool, progress: Progress) -> CalibrationReport:
+    """The network's test predictions beside the baselines, on the same crops; geometric ones see them larger."""
+    from sextant.baselines.calibration import ConstantCamera, PriorCamera
+
+    assert module.result is not None
+    result = module.result
+    training = data.distribution_sample()
+    n = len(result.aspect)
+    blank = np.zeros((1, 1, 3), np.uint8)
+    cameras = {
+        name: _repeated(method.fit(training).calibrate(blank).camera, n)
+        for name, method in (("constant", ConstantCamera()), ("prior", PriorCamera()))
+    }
+    few, below = None, 0
+    if geometric:
+        found, counts = _geometric(module, data, training, n, progress)
+        cameras |= found
+        data.setup("validate")
+        below = int(np.quantile(_segment_counts(data, "val", progress), FEW_LINES_SHARE))
+        few = counts < below
+    ours = result.predictions["clean"].parameters
+    refined = cameras.pop("network + lines", None)
+    cameras["network"] = ours
+    if refined is not None:
+        cameras["network + lines"] = refined
+    family = module.parameterization.k2_of_k1
+    truth = result.truth.to(dtype=torch.float64)
+    errors = {
+        name: calibration_errors(camera.to(dtype=torch.float64), truth, result.aspect.double(), k2_of_k1=family)
+        for name, camera in cameras.items()
+    }
+    return CalibrationReport(cameras, errors, few, below)
+
+
+def _geometric(
+    module: Calibration, data: CalibrationData, training: CameraParameters, n: int, progress: Progress
+) -> tuple[dict[str, CameraParameters], Int64[ndarray, "n"]]:
+    """Cameras of every geometric method for the test crops, and how many long segments each crop has."""
+    from sextant.baselines.calibration import CombinedGeometry, PlumbLine, VanishingPoints, refine
+
+    assert module.result is not None
+    prediction = module.result.predictions["clean"]
+    sigmas = standard_deviations(prediction)
+    methods = {
+        "vanishing points": VanishingPoints().fit(training),
+        "plumb lines": PlumbLine().fit(training),
+        "both": CombinedGeometry().fit(training),
+    }
+
+    def look(i: int, image: UInt8[ndarray, "h w 3"]) -> tuple[list[CameraParameters], int]:
+        estimates = [method.calibrate(image) for method in methods.values()]
+        network, sigma = (CameraParameters(*(v[i].double() for v in of)) for of in (prediction.parameters, sigmas))
+        refined = refine(image, network, sigma)
+        return [*(estimate.camera for estimate in estimates), refined.camera], estimates[0].long_segments
+
+    found = list(_over_crops(data, "test", n, look, progress))
+    columns = zip(*(cameras for cameras, _ in found), strict=True)
+    stacked = [CameraParameters(*(torch.stack(values) for values in zip(*column, strict=True))) for column in columns]
+    return dict(zip([*methods, "network + lines"], stacked, strict=True)), np.array([count for _, count in found])
+
+
+def standard_deviations(prediction: CalibrationPrediction) -> CameraParameters:
+    """Standard deviations of tilt, roll, focal length and k1, to first order: half the widths of 68 % intervals."""
+    tilt, roll, vfov, k1_hat = (prediction.scale * prediction.quantile(0.68).nan_to_num(posinf=3.0)).unbind(-1)
+    square = prediction.parameters.focal.square()
+    return CameraParameters(tilt, roll, vfov * (square + 0.25), k1_hat * square)
+
+
+def _segment_counts(data: CalibrationData, split: str, progress: Progress) -> Int64[ndarray, "n"]:
+    from sextant.baselines.calibration import count_long, detect_segments
+
+    def look(i: int, image: UInt8[ndarray, "h w 3"]) -> int:
+        return count_long(detect_segments(image))
+
+    return np.array(list(_over_crops(data, split, data.count(split), look, progress)))
+
+
+def _over_crops(
+    data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Progress
+) -> Iterator[Any]:
+    """``look(i, image)`` for the first ``n`` crops of a split, in order, on two threads."""
+    crops = data.larger(split)
+    with ThreadPoolExecutor(THREADS) as pool:
+        for start in range(0, n, BATCH):
+            numbers = list(range(start, min(start + BATCH, n)))
+            images = np.ascontiguousarray(crops[numbers].images.numpy().transpose(0, 2, 3, 1))
+            yield from pool.map(look, numbers, images)
+            progress(numbers[-1] + 1, n)
+
+
+def _repeated(camera: CameraParameters, n: int) -> CameraParameters:
+    return CameraParameters(*(value.expand(n) for value in camera))
+
+
+def table(report: CalibrationReport, panoramas: Int64[ndarray, "n"]) -> list[dict[str, str]]:
+    """Rows of the comparison: median errors with intervals over panoramas, and areas under the recall curve.
+
+    With geometric methods, rows of the crops that are poor in lines follow.
+    """
+    titles, rows = methods_table({name: summary(of, panoramas) for name, of in report.errors.items()})
+    if report.few_lines is not None and report.few_lines.any():
+        few, poor = report.few_lines, f" (< {report.few_lines_below} segments)"
+        chosen = {
+            name + poor: summary({key: values[few] for key, values in of.items()}, panoramas[few])
+            for name, of in report.errors.items()
+            if name in ("constant", "vanishing points", "both", "network")
+        }
+        rows += methods_table(chosen)[1]
+    return [{t: cell for t, cell in zip(titles, row, strict=True) if t in COLUMNS} for row in rows]
+
+
+def metrics(module: Calibration, report: CalibrationReport) -> dict[str, float]:
+    """Median errors of every method, coverage of the network's intervals, and how well it knows its errors."""
+    assert module.result is not None
+    result = module.result
+    numbers = {
+        f"test/{key}/{name.replace(' ', '_').replace('+', 'and')}": median_error(errors[key])
+        for name, errors in report.errors.items()
+        for key in KEPT
+    }
+    prediction = result.predictions["clean"]
+    error = (reported(prediction.parameters) - reported(result.truth)).abs()
+    for level in TABLE_LEVELS:
+        held = coverage(error / prediction.scale, prediction.quantile(level))
+        numbers |= {
+            f"test/coverage_{round(100 * level)}/{name}": float(v) for name, v in zip(REPORTED, held, strict=True)
+        }
+    for k, name in enumerate(REPORTED):
+        numbers[f"test/ause/{name}"] = sparsification(error[:, k].numpy(), prediction.scale[:, k].numpy()).relative
+    return numbers
+
+
+def arrays(module: Calibration, report: CalibrationReport) -> dict[str, ndarray]:
+    """True and predicted cameras and errors by crop."""
+    assert module.result is not None
+    result = module.result
+    kept = {"truth": torch.stack(result.truth, -1).numpy(), "panoramas": result.panoramas}
+    kept |= {f"camera/{name}": torch.stack(camera, -1).numpy() for name, camera in report.cameras.items()}
+    kept |= {f"{key}/{name}": errors[key] for name, errors in report.errors.items() for key in KEPT}
+    kept |= {f"scale/{key}": prediction.scale.numpy() for key, prediction in result.predictions.items()}
+    kept |= {
+        f"camera/network/{key}": torch.stack(prediction.parameters, -1).numpy()
+        for key, prediction in result.predictions.items()
+    }
+    return kept
+
+
+def figures(module: Calibration, data: CalibrationData, report: CalibrationReport) -> "Iterator[tuple[str, Figure]]":
+    """Crops with their horizons, errors against the true parameters, what was predicted, and the uncertainty."""
+    from sextant.evaluation.conformal import coverage_curve
+    from sextant.figures.calibration.coverage import coverage_curves
+    from sextant.figures.calibration.error_by_parameter import error_by_parameter
+    from sextant.figures.calibration.scatter import predicted_against_true
+    from sextant.figures.calibration.sheet import calibration_sheet
+    from sextant.figures.calibration.sparsification import sparsification_curves
+
+    assert module.result is not None
+    result, prediction = module.result, module.result.predictions["clean"]
+    n = len(result.aspect)
+    shown = np.linspace(0, n - 1, min(SHEET, n)).astype(int)
+    crops = data.larger("test")[shown.tolist()]
+    family = module.parameterization.k2_of_k1
+    at = torch.from_numpy(shown)
+    yield (
+        "crops",
+        calibration_sheet(
+            crops.images, crops.aspect, crops.cameras, prediction.parameters.at(at), method="network", family=family
+        ),
+    )
+    yield "error_by_parameter", error_by_parameter(result.truth, report.errors)
+    yield "predicted_against_true", predicted_against_true(result.truth, prediction.parameters)
+    error = (reported(prediction.parameters) - reported(result.truth)).abs()
+    curve = coverage_curve(
+        prediction.scores, error / prediction.scale, result.panoramas, per_panorama=prediction.per_panorama
+    )
+    yield "coverage", coverage_curves(curve, REPORTED)
+    yield (
+        "sparsification",
+        sparsification_curves(
+            {
+                name: sparsification(error[:, k].numpy(), prediction.scale[:, k].numpy())
+                for k, name in enumerate(REPORTED)
+            }
+        ),
+    )

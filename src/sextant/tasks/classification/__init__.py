@@ -1,0 +1,1 @@
+"""Image classification under corruptions (chapter 7): module and report."""

@@ -1,0 +1,95 @@
+"""What a test of a classifier under corruptions says beside its accuracies: errors beside a baseline, and pictures."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import torch
+from jaxtyping import UInt8
+from torch import Tensor, nn
+
+from sextant.corruptions import Condition, CorruptionSuite
+from sextant.evaluation import (
+    ALEXNET_CIFAR10_C,
+    ALEXNET_IMAGENET_C,
+    CORRUPTION_FAMILIES,
+    CorruptionBaseline,
+    CorruptionErrors,
+    corruption_score,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sextant.tasks.classification.result import ClassificationResult
+
+#: what corruption errors of a set are divided by
+BASELINES: Mapping[str, CorruptionBaseline] = {"cifar10_c": ALEXNET_CIFAR10_C, "imagenet_c": ALEXNET_IMAGENET_C}
+#: images on a sheet, and conditions above which it shows one severity of each corruption
+SHEET_IMAGES, SHEET_CONDITIONS = 10, 20
+SEVERITIES = 5
+
+
+def errors_of(accuracy: Mapping[str, float]) -> CorruptionErrors:
+    """Errors from accuracies by condition key."""
+    return CorruptionErrors.of_conditions({key: 1 - value for key, value in accuracy.items()})
+
+
+def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) -> dict[str, float]:
+    """``test/error/corrupted``, the mean over a published set; with all five severities also mCE and relative mCE.
+
+    They are shares: 1 is the error of the set's baseline.
+    """
+    if suite.protocol is None:
+        return {}
+    errors = errors_of(accuracy)
+    metrics = {"test/error/clean": errors.clean, "test/error/corrupted": errors.mean()}
+    baseline = BASELINES.get(suite.protocol.set)
+    whole = all(len(levels) == SEVERITIES for levels in errors.severities.values())
+    if baseline is not None and whole and set(errors.severities) <= set(baseline.errors):
+        score = corruption_score(errors, baseline)
+        metrics |= {"test/mce": score.mean_ce, "test/relative_mce": score.mean_relative_ce}
+    return metrics
+
+
+def sheet_conditions(suite: CorruptionSuite) -> list[Condition]:
+    """All conditions, or with many of them the clean images and the middle severity of each corruption."""
+    conditions = suite.conditions()
+    if len(conditions) <= SHEET_CONDITIONS:
+        return conditions
+    middle = [Condition(name, list(c.levels)[len(c.levels) // 2]) for name, c in suite.corruptions.items()]
+    return [Condition(), *middle]
+
+
+def result_figures(
+    result: "ClassificationResult",
+    suite: CorruptionSuite,
+    network: nn.Module,
+    classes: tuple[str, ...],
+    test_images: UInt8[Tensor, "n c h w"],
+) -> "Iterator[tuple[str, Figure]]":
+    """Accuracy against severity or a heat map of errors, confusions, corrupted inputs, and first-layer kernels."""
+    from sextant.figures.classification.corruption_heatmap import corruption_heatmap
+    from sextant.figures.classification.first_kernels import first_kernels
+    from sextant.figures.classification.severity_curves import severity_curves
+    from sextant.figures.confusion_matrix import confusion_matrix
+    from sextant.figures.contact_sheet import contact_sheet
+
+    accuracy = result.accuracy()
+    if suite.protocol is not None:
+        errors = errors_of(accuracy)
+        yield (
+            "corruption_heatmap",
+            corruption_heatmap(errors.severities, clean=errors.clean, families=CORRUPTION_FAMILIES, title="this run"),
+        )
+    elif suite.corruptions:
+        levels = {name: [float(v) for v in c.levels] for name, c in suite.corruptions.items()}
+        yield "severity_curves", severity_curves(levels, {"this run": accuracy})
+    yield "confusion_matrix", confusion_matrix(result.labels, result.predictions["clean"], classes)
+    shown = torch.from_numpy(result.indices[:SHEET_IMAGES])
+    images = test_images[shown].float() / 255
+    rows = {c.key: suite.corrupt(images, shown, c).numpy() for c in sheet_conditions(suite)}
+    chosen = {key: result.predictions[key][: len(shown)] for key in rows}
+    yield "contact_sheet", contact_sheet(rows, chosen, result.labels[: len(shown)], classes)
+    kernels = first_kernels(network)
+    if kernels is not None:
+        yield "first_kernels", kernels

@@ -1,0 +1,1 @@
+"""Recognition by COSFIRE filters (chapter 6): module, methods and report."""

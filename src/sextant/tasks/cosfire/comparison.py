@@ -1,0 +1,33 @@
+"""Which methods of recognition are compared, and how their machines are fitted."""
+
+from dataclasses import dataclass, field
+
+from sextant.baselines.linear_svm import SCALINGS, Scaling
+from sextant.tasks.cosfire.fine_tuning import FineTuning
+from sextant.tasks.cosfire.methods import OF_NETWORK, Method
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What is compared, and how machines are fitted.
+
+    Attributes:
+        methods: see :data:`~sextant.tasks.cosfire.methods.METHODS`.
+        prices: of an error, among which tuning images choose; a single one needs none.
+        scalings: of what machines see, among which they choose too.
+        choose_among: examples of which machines are made while prices are compared.
+        network_answers: the network was trained for the classes that are tested.
+        logarithms: machines see logarithms of the filters' maxima.
+        tiles: of a side of the image, for the method ``tiled_svm``.
+        fine_tuning: of a copy of the filters, for the methods ``cosfire_tuned`` and ``layer_tuned``; without epochs
+            there are none.
+    """
+
+    methods: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "strongest_filter", *OF_NETWORK)
+    prices: tuple[float, ...] = (1.0, 10.0, 100.0)
+    scalings: tuple[Scaling, ...] = SCALINGS
+    choose_among: int = 1500
+    logarithms: bool = False
+    tiles: int = 3
+    network_answers: bool = True
+    fine_tuning: FineTuning = field(default_factory=FineTuning)

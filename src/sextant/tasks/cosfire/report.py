@@ -1,0 +1,134 @@
+"""What a test of recognition by filters shows: a table of methods, prototypes, filters, confusions and errors."""
+
+import copy
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from jaxtyping import Int64, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from sextant.tasks.cosfire.methods import METHODS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sextant.data.examples import ExampleData
+    from sextant.layers.cosfire import Cosfire
+    from sextant.tasks.cosfire.module import CosfireRecognition
+    from sextant.tasks.cosfire.result import RecognitionResult
+
+#: images on a sheet
+SHEET = 40
+#: filters that are drawn
+DRAWN = 3
+
+
+def method_table(result: "RecognitionResult") -> list[dict[str, str]]:
+    """One row a method, the best first."""
+    found = sorted(result.accuracy().items(), key=lambda item: -item[1])
+    count = len(result.labels)
+    return [
+        {
+            "method": method,
+            "what": METHODS[method],
+            "accuracy, %": f"{100 * share:.2f}",
+            "errors": f"{round((1 - share) * count):,} of {count:,}",
+            **{name: f"{100 * result.accuracy_under(name)[method]:.1f}" for name in result.conditions},
+        }
+        for method, share in found
+    ]
+
+
+def recognition_figures(module: "CosfireRecognition", data: "ExampleData") -> "Iterator[tuple[str, Figure]]":
+    """Prototypes, filters and their responses; the confusions of the first method and the images it gets wrong."""
+    from sextant.figures.confusion_matrix import confusion_matrix
+    from sextant.figures.cosfire.recognition_errors import recognition_errors
+
+    assert module.result is not None
+    result, images = module.result, data.split("test").images[:: data.test_every]
+    yield "prototypes", _prototypes(module)
+    for number in first_filters(module.configured_from().labels):
+        name = _file_name(module.classes[int(module.configured_from().labels[number])])
+        yield f"filter_{name}", _filter(module, number)
+        yield f"response_{name}", _response(module, number, images, result.labels)
+    method, answers = next(iter(result.answers.items()))
+    if len(module.classes) <= 100:
+        yield "confusion_matrix", confusion_matrix(result.labels, answers, module.classes)
+    errors = recognition_errors(images.numpy(), result.labels, answers, module.classes, most=SHEET, title=method)
+    if errors is not None:
+        yield f"errors_{method}", errors
+
+
+def first_filters(labels: Int64[Tensor, "f"], most: int = DRAWN) -> list[int]:
+    """The first filter of each of some classes, evenly chosen among the classes."""
+    classes, of_filter = torch.unique(labels, return_inverse=True)
+    rows = np.unique(np.linspace(0, len(classes) - 1, min(most, len(classes))).round().astype(int))
+    return [int((of_filter == row).nonzero()[0, 0]) for row in rows.tolist()]
+
+
+def _prototypes(module: "CosfireRecognition") -> "Figure":
+    from sextant.figures.gallery import gallery
+
+    kept, pictures = module.configured_from(), module.prototypes["pictures"].cpu().numpy()
+    rows = np.unique(np.linspace(0, len(pictures) - 1, min(SHEET, len(pictures))).astype(int))
+    titles = [
+        f"{module.classes[kept.labels[row]]} at {kept.points[row, 0]:.0f},{kept.points[row, 1]:.0f}" for row in rows
+    ]
+    return gallery([_picture(pictures[row]) for row in rows], titles)
+
+
+def _filter(module: "CosfireRecognition", number: int) -> "Figure":
+    from sextant.figures.cosfire.filter import cosfire_filter
+
+    kept, filters = module.configured_from(), on_processor(module.filters)
+    example = module.prototypes["pictures"][number].cpu().float() / 255
+    x, y = kept.points[number].tolist()
+    title = f"{module.classes[int(kept.labels[number])]}: {len(filters.tuples(number))} parts"
+    return cosfire_filter(filters, example, (x, y), number=number, title=title)
+
+
+def _response(
+    module: "CosfireRecognition", number: int, images: UInt8[Tensor, "n c h w"], labels: Int64[ndarray, "n"]
+) -> "Figure":
+    """Over a test image of the filter's class, or the first one if there is none."""
+    from sextant.figures.cosfire.responses import cosfire_responses
+
+    kept, filters = module.configured_from(), module.filters
+    alike = np.flatnonzero(labels == int(kept.labels[number]))
+    row = int(alike[0]) if len(alike) else 0
+    with torch.no_grad():
+        response = filters(module.seen(images[row : row + 1]).to(filters.rho.device).float() / 255)[0, number].cpu()
+    score, place = float(response.max()), int(response.argmax())
+    height, width = images.shape[-2:]
+    point = (
+        (place % response.shape[1] + 0.5) * width / response.shape[1] - 0.5,
+        (place // response.shape[1] + 0.5) * height / response.shape[0] - 0.5,
+        score,
+    )
+    own = float(module.prototypes["own"][number])
+    title = f"filter of {module.classes[int(kept.labels[number])]} over a {module.classes[int(labels[row])]}"
+    picture = images[row].permute(1, 2, 0).numpy()
+    return cosfire_responses(
+        picture,
+        response.double().numpy(),
+        [point],
+        strongest=max(own, score),
+        title=f"{title}; own prototype {own:.2f}",
+    )
+
+
+def on_processor(filters: "Cosfire") -> "Cosfire":
+    """The filters, or a copy of them where images are drawn."""
+    return filters if filters.rho.device.type == "cpu" else copy.deepcopy(filters).cpu()
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", text)
+
+
+def _picture(image: np.ndarray) -> np.ndarray:
+    return image[0] if len(image) == 1 else image.transpose(1, 2, 0)

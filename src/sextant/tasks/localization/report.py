@@ -1,0 +1,300 @@
+"""What the runs of a localization test show: arrays by run, metrics, a table, figures, and files to look at."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+
+from sextant.data.localization.localization_data import LocalizationData
+from sextant.data.localization.pose_formats import write_tum
+from sextant.evaluation.localization.pose_posterior import PLANE, RAILWAY, nees, pose_errors, posterior_calibration
+from sextant.evaluation.localization.success import (
+    NEVER,
+    ConvergenceSummary,
+    converged_at,
+    global_localization,
+    recovery_after,
+    within,
+)
+from sextant.evaluation.protocols import RECOVERY_HORIZON, LocalizationProtocol
+from sextant.tasks.localization.test import Outcome, Trial
+from sextant.tasks.localization.validation import protocol_of
+from sextant.tasks.peak_memory import peak_memory_mb
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: runs of a trial that are drawn
+DRAWN = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One trial by the protocol.
+
+    Attributes:
+        outcome: the trial.
+        position, heading_deg: errors of each run, step by step; nan beyond a run's end.
+        inside: whether both are within the protocol's limits.
+        converged: the step at which each run converged, or ``NEVER``.
+        frames: running that a run must be within.
+        summary: from the start.
+        recovery: from the kidnap on, if runs were kidnapped.
+        nees: of the converged steps; inf where the particles agree on something wrong.
+    """
+
+    outcome: Outcome
+    position: Float64[ndarray, "r t"]
+    heading_deg: Float64[ndarray, "r t"]
+    inside: Bool[ndarray, "r t"]
+    converged: Int64[ndarray, "r"]
+    frames: int
+    summary: ConvergenceSummary
+    recovery: ConvergenceSummary | None
+    nees: Float64[ndarray, "k"]
+
+    @property
+    def found(self) -> Bool[ndarray, "r"]:
+        """Whether each run knows where it is: after the kidnap, if there was one."""
+        kidnapped = self.outcome.runs.kidnapped_at
+        if (kidnapped < 0).all():
+            return np.asarray(self.converged != NEVER)
+        again = converged_at(self.inside, self.frames, start=np.maximum(kidnapped, 0), horizon=RECOVERY_HORIZON)
+        return np.asarray(again != NEVER)
+
+    @property
+    def after(self) -> Bool[ndarray, "r t"]:
+        """Steps from convergence on."""
+        at = np.arange(self.inside.shape[1])
+        later = (at >= self.converged[:, None]) & (self.converged != NEVER)[:, None]
+        return np.asarray(later & self.outcome.runs.inside.T)
+
+
+def judge(outcome: Outcome, data: LocalizationData) -> Judged:
+    """Errors and success of the runs of a trial."""
+    protocol, runs, track = protocol_of(data), outcome.runs, outcome.track
+    errors = pose_errors(runs.poses, track.pose).transpose(1, 0, 2)
+    gone = ~runs.inside.T
+    position = np.where(gone, np.nan, np.linalg.norm(errors[..., :2], axis=2))
+    heading = np.where(gone, np.nan, np.abs(np.degrees(errors[..., 2])))
+    inside = within(position, heading, protocol)
+    kidnapped = runs.kidnapped_at
+    taken = bool((kidnapped >= 0).any())
+    at = np.arange(inside.shape[1])
+    before = inside & ((kidnapped < 0)[:, None] | (at < kidnapped[:, None]))  # whoever is carried off starts anew
+    converged = converged_at(before, protocol.frames)
+    axes = RAILWAY if protocol.unit == "frames" else PLANE
+    values = nees(runs.poses, track.pose, track.covariance, axes).T
+    later = (at >= converged[:, None]) & (converged != NEVER)[:, None] & ~gone
+    return Judged(
+        outcome,
+        position,
+        heading,
+        inside,
+        converged,
+        protocol.frames,
+        global_localization(before, protocol, length=np.where(kidnapped >= 0, kidnapped, runs.lengths)),
+        recovery_after(inside, np.maximum(kidnapped, 0), protocol, length=runs.lengths) if taken else None,
+        values[later],
+    )
+
+
+def name_of(trial: Trial, trials: Sequence[Trial]) -> str:
+    """A trial in short: its condition, and its drive, fault and particles where these differ among the trials."""
+    parts = [trial.drive if len({t.drive for t in trials}) > len({t.condition for t in trials}) else trial.condition]
+    if len({t.fault for t in trials}) > 1 or trial.fault != "none":
+        parts.append(trial.fault)
+    if len({t.particles for t in trials}) > 1:
+        parts.append(f"{trial.particles} particles")
+    return ", ".join(parts)
+
+
+def arrays(found: Mapping[str, Judged]) -> dict[str, ndarray]:
+    """Results by run of every trial."""
+    result: dict[str, ndarray] = {}
+    for name, judged in found.items():
+        result |= {
+            f"success/{name}": judged.found.astype(np.float64),
+            f"converged/{name}": judged.converged,
+            f"position_error/{name}": judged.position.astype(np.float32),
+            f"heading_error_deg/{name}": judged.heading_deg.astype(np.float32),
+            f"mass/{name}": judged.outcome.track.mass.T.astype(np.float32),
+            f"nll/{name}": judged.outcome.nll.T.astype(np.float32),
+        }
+    return result
+
+
+def metrics(found: Mapping[str, Judged], data: LocalizationData) -> dict[str, float]:
+    """Figures of every trial, under names that tell the protocol."""
+    protocol, values = protocol_of(data), dict[str, float]()
+    dof = 1 if protocol.unit == "frames" else 3
+    for name, judged in found.items():
+        key = name.replace(", ", "/").replace(" ", "_")
+        told = _figures(judged, dof)
+        values |= {f"test/{protocol.name(figure)}/{key}": value for figure, value in told.items() if value == value}
+    values["test/success"] = float(np.mean([judged.found.mean() for judged in found.values()]))
+    values["test/peak_memory_mb"] = peak_memory_mb()
+    return values
+
+
+def _figures(judged: Judged, dof: int) -> dict[str, float]:
+    track, later = judged.outcome.track, judged.after
+    told = {
+        "success": float(judged.found.mean()),
+        "converged": judged.summary.share.rate,
+        "frames_to_converge_median": judged.summary.median_frames,
+        "frames_to_converge_p90": judged.summary.p90_frames,
+        "tracking": judged.summary.tracking,
+        "position_error_median": _median(judged.position[later]),
+        "position_error_rmse": math.sqrt(float(np.mean(judged.position[later] ** 2))) if later.any() else math.nan,
+        "heading_error_deg_median": _median(judged.heading_deg[later]),
+        "pose_nll": _mean(judged.outcome.nll.T[later]),
+        "ess": float(np.mean(track.ess)),
+        "particles": float(np.mean(track.particles)),
+        "ms_per_step_of_all_runs": 1e3 * float(np.median(track.seconds)),
+    }
+    if judged.recovery is not None:
+        told |= {
+            "recovered": judged.recovery.share.rate,
+            "frames_to_recover_median": judged.recovery.median_frames,
+            "frames_to_recover_p90": judged.recovery.p90_frames,
+        }
+    if len(judged.nees) and np.isfinite(judged.nees).any():
+        calibration = posterior_calibration(judged.nees, dof, independent=len(judged.found))
+        told |= {"nees_median": calibration.median, "coverage_95": calibration.coverage[0.95]}
+    return told
+
+
+def table(found: Mapping[str, Judged]) -> list[dict[str, str]]:
+    """A row for each trial."""
+    rows = []
+    for name, judged in found.items():
+        share, later = judged.summary.share, judged.after
+        row = {
+            "drive": name,
+            "runs": str(share.runs),
+            "converged %": f"{100 * share.rate:.0f}",
+            "95 %": f"{100 * share.low:.0f}-{100 * share.high:.0f}",
+            "frames": _told(judged.summary.median_frames, 0),
+            "p90": _told(judged.summary.p90_frames, 0),
+            "tracking %": _told(100 * judged.summary.tracking, 1),
+            "error": _told(_median(judged.position[later]), 2),
+            "deg": _told(_median(judged.heading_deg[later]), 1),
+            "NLL": _told(_mean(judged.outcome.nll.T[later]), 2),
+        }
+        if any(other.recovery is not None for other in found.values()):
+            again = judged.recovery
+            row["recovered %"] = "" if again is None else f"{100 * again.share.rate:.0f}"
+            row["in frames"] = "" if again is None else _told(again.median_frames, 0)
+        row["ms/step/run"] = f"{1e3 * float(np.median(judged.outcome.track.seconds)) / share.runs:.2f}"
+        rows.append(row)
+    return rows
+
+
+def facts(found: Mapping[str, Judged], protocol: LocalizationProtocol) -> dict[str, object]:
+    """By what success was judged."""
+    return {
+        "success_protocol": {
+            "position": protocol.position,
+            "unit": protocol.unit,
+            "heading_deg": protocol.heading_deg,
+            "frames": protocol.frames,
+        },
+        "degenerate_steps": {name: int(judged.outcome.track.degenerate.sum()) for name, judged in found.items()},
+    }
+
+
+def figures(found: Mapping[str, Judged], data: LocalizationData) -> Iterator[tuple[str, "Figure"]]:
+    """Errors over time, success by number of particles, and the first run over the map."""
+    from sextant.figures.localization.success_curves import SuccessCurve, success_curves
+    from sextant.figures.localization.trajectory_errors import RunErrors, trajectory_errors
+
+    protocol = protocol_of(data)
+    for name, judged in found.items():
+        drawn = {}
+        for run in range(min(DRAWN, len(judged.position))):
+            at, taken = int(judged.converged[run]), int(judged.outcome.runs.kidnapped_at[run])
+            drawn[f"run {run}"] = RunErrors(
+                judged.position[run],
+                judged.heading_deg[run],
+                None if at == NEVER else at,
+                () if taken < 0 else (taken,),
+            )
+        yield f"errors_{_file(name)}", trajectory_errors(drawn, protocol)
+    curves: dict[str, list[tuple[int, ConvergenceSummary]]] = {}
+    for judged in found.values():
+        trial = judged.outcome.trial
+        label = trial.condition if trial.fault == "none" else f"{trial.condition}, {trial.fault}"
+        curves.setdefault(label, []).append((trial.particles, judged.summary))
+    if max(len(points) for points in curves.values()) > 1:
+        yield (
+            "success_by_particles",
+            success_curves(
+                {
+                    label: SuccessCurve(
+                        np.array([count for count, _ in points]),
+                        np.array([summary.share.rate for _, summary in points]),
+                        np.array([summary.share.low for _, summary in points]),
+                        np.array([summary.share.high for _, summary in points]),
+                    )
+                    for label, points in curves.items()
+                }
+            ),
+        )
+
+
+def write_trajectories(found: Mapping[str, Judged], folder: Path) -> None:
+    """The first run of each trial, as it was and as it was told, in TUM's format; a step is a second."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, judged in found.items():
+        length = int(judged.outcome.runs.lengths[0])
+        times = np.arange(length, dtype=np.float64)
+        write_tum(folder / f"{_file(name)}_estimate.tum", times, judged.outcome.track.pose[:length, 0])
+        write_tum(folder / f"{_file(name)}_truth.tum", times, judged.outcome.runs.poses[:length, 0])
+
+
+def write_replays(found: Mapping[str, Judged], data: LocalizationData, folder: Path) -> None:
+    """The particles of the first run of each trial over the map, as animations."""
+    from sextant.figures.localization.particle_map import ParticleFrame
+    from sextant.figures.localization.particle_replay import particle_replay
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, judged in found.items():
+        outcome = judged.outcome
+        if not outcome.replay:
+            continue
+        length = int(outcome.runs.lengths[0])
+        frames = (
+            ParticleFrame(
+                outcome.replay[step][0].astype(np.float64),
+                np.log(np.maximum(outcome.replay[step][1], 1e-38)).astype(np.float64),
+                outcome.track.pose[step, 0],
+                outcome.runs.poses[step, 0],
+                f"{name}, step {step}, error {judged.position[0, step]:.2f}",
+                outcome.runs.poses[: step + 1, 0, :2],
+            )
+            for step in range(length)
+        )
+        path = folder / f"replay_{_file(name)}.gif"
+        particle_replay(data.map.poses[:, :2], frames, path, unit=data.unit)
+
+
+def _file(name: str) -> str:
+    return "".join(letter if letter.isalnum() else "_" for letter in name)
+
+
+def _median(values: ndarray) -> float:
+    return float(np.median(values)) if len(values) else math.nan
+
+
+def _mean(values: ndarray) -> float:
+    return float(values.mean()) if len(values) else math.nan
+
+
+def _told(value: float, digits: int) -> str:
+    return "–" if value != value else f"{value:.{digits}f}"

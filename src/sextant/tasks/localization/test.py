@@ -1,0 +1,264 @@
+"""Localizing the test drives: with each fault, along each drive, with each number of particles."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.localization.datamodule import LocalizationDataModule
+from sextant.data.localization.drive import Drive
+from sextant.data.localization.faults import Fault, WrongStart
+from sextant.data.localization.localization_data import LocalizationData
+from sextant.data.localization.test_runs import TestRuns, lay_out_runs
+from sextant.evaluation.localization.pose_posterior import particle_nll
+from sextant.evaluation.protocols import LocalizationProtocol
+from sextant.geometry.planar import se2_compose
+from sextant.localization.belief import Belief
+from sextant.localization.initialisation import AppearanceStart, GaussianStart, Initialisation, UniformStart
+from sextant.localization.localize import Track, localize
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.motion import MotionModel
+from sextant.localization.observers import Observer
+from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.recovery import Recovery
+from sextant.localization.resampling import Resampling
+from sextant.tasks.localization.validation import protocol_of
+
+#: bandwidth of the density of particles, in limits of the protocol
+BANDWIDTH = 0.25
+#: share of the uniform density in it
+BACKGROUND = 1e-3
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is tried.
+
+    Attributes:
+        drive: that is localized.
+        fault: its name.
+        particles: of each run.
+    """
+
+    drive: str
+    condition: str
+    fault: str
+    particles: int
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Runs of one trial.
+
+    Attributes:
+        trial: what was tried.
+        runs: their truth.
+        track: what the filter told of them.
+        nll: of the true pose in nats, of each step.
+        replay: particles and weights of the first run, step by step, if they were kept.
+    """
+
+    trial: Trial
+    runs: TestRuns
+    track: Track
+    nll: Float64[ndarray, "t r"]
+    replay: list[tuple[ndarray, ndarray]]
+
+
+@dataclass(frozen=True)
+class TestSettings:
+    """How drives are localized.
+
+    Attributes:
+        motion, recovery, resampling: of the filter.
+        ess_threshold: of the filter.
+        kld: of the filter.
+        start: where particles begin.
+        particle_counts: tried one after the other.
+        starts, horizon, every: of :func:`~sextant.data.localization.test_runs.lay_out_runs`.
+        spread: standard deviations of poses about an image of the map: along, across, and in rad.
+        seed: of all random numbers.
+        replay: keep the particles of the first run of each trial.
+    """
+
+    __test__ = False
+
+    motion: MotionModel
+    recovery: Recovery
+    resampling: Resampling
+    ess_threshold: float
+    kld: object
+    start: str
+    particle_counts: tuple[int, ...]
+    starts: int
+    horizon: int
+    every: int
+    spread: tuple[float, float, float]
+    seed: int
+    replay: bool = False
+
+
+#: fits a map and gives what makes the sensor of a drive in it; called with the map as it was described, and as it is
+MakeObservers = Callable[[Drive, Drive], Callable[[Drive], Observer]]
+
+
+def run_trials(
+    data: LocalizationDataModule,
+    faults: Mapping[str, Fault],
+    settings: TestSettings,
+    make_observers: MakeObservers,
+    progress: Progress | None = None,
+) -> Iterator[Outcome]:
+    """Localize every test drive with every fault and number of particles.
+
+    Args:
+        data: the drives.
+        faults: by name.
+        settings: of the filter and of the runs.
+        make_observers: see there.
+        progress: called with trials done and trials in all.
+    """
+    drives = data.drives
+    total = len(faults) * len(drives.test) * len(settings.particle_counts)
+    done = 0
+    for number, (name, fault) in enumerate(faults.items()):
+        changed = fault.data(drives)
+        faulty = fault.map(changed.map, np.random.default_rng([settings.seed, 83, number]))
+        observer_of = make_observers(changed.map, faulty)
+        prior = MapPrior(torch.from_numpy(faulty.poses), settings.spread[:2], settings.spread[2])
+        for drive in changed.test:
+            runs = _laid_out(drive, fault, settings, number)
+            observer = observer_of(drive)
+            for particles in settings.particle_counts:
+                trial = Trial(drive.name, drive.condition, name, particles)
+                yield _one(trial, changed, runs, fault, observer, prior, settings)
+                done += 1
+                if progress:
+                    progress(done, total)
+
+
+def check_runs(data: LocalizationData, faults: Mapping[str, Fault], settings: TestSettings) -> None:
+    """Lay out all runs, so that a mistake is told before anything is trained.
+
+    Raises:
+        UserError: a fault does not fit the dataset or a run.
+    """
+    for number, fault in enumerate(faults.values()):
+        for drive in fault.data(data).test:
+            _laid_out(drive, fault, settings, number)
+
+
+def short_drives(drives: Sequence[Drive], settings: TestSettings) -> list[str]:
+    """What a reader should know of drives too short for runs of ``horizon`` steps from as many frames as wished."""
+    notes = []
+    for drive in drives:
+        begins = min(settings.starts, max(0, len(drive) - settings.horizon * settings.every) + 1)
+        if begins < settings.starts:
+            steps = min(settings.horizon, -(-len(drive) // settings.every))
+            notes.append(
+                f"task.horizon={settings.horizon} task.every={settings.every}: {drive.name} has {len(drive)} frames, "
+                f"and its {settings.starts} runs of {steps} steps start at {begins} of them; those that start at the "
+                "same one differ in their random numbers alone"
+            )
+    return notes
+
+
+def _laid_out(drive: Drive, fault: Fault, settings: TestSettings, number: int) -> TestRuns:
+    """The runs along a drive with the fault of that number."""
+    return lay_out_runs(drive, fault, settings.starts, settings.horizon, settings.every, settings.seed + 1000 * number)
+
+
+def _one(
+    trial: Trial,
+    data: LocalizationData,
+    runs: TestRuns,
+    fault: Fault,
+    observer: Observer,
+    prior: MapPrior,
+    settings: TestSettings,
+) -> Outcome:
+    protocol = protocol_of(data)
+    generator = torch.Generator().manual_seed(settings.seed * 7919 + trial.particles)
+    filter = ParticleFilter(
+        settings.motion,
+        settings.resampling,
+        settings.recovery,
+        prior,
+        ess_threshold=settings.ess_threshold,
+        kld=settings.kld,  # type: ignore[arg-type]
+    )
+    nll, replay = np.full(runs.seen.shape, np.nan), list[tuple[ndarray, ndarray]]()
+
+    def watch(step: int, belief: Belief) -> None:
+        nll[step] = _nll(runs.poses[step], belief, protocol, prior)
+        if settings.replay:
+            replay.append((belief.poses[0].numpy().astype(np.float32), belief.weights[0].numpy().astype(np.float32)))
+
+    track = localize(
+        filter,
+        _start(settings, runs, fault, protocol, generator),
+        observer,
+        runs.frames,
+        runs.motion,
+        runs.seen & runs.inside,
+        generator,
+        particles=trial.particles,
+        radius=protocol.position * 2,
+        watch=watch,
+    )
+    return Outcome(trial, runs, track, np.where(runs.inside, nll, np.nan), replay)
+
+
+def _start(
+    settings: TestSettings,
+    runs: TestRuns,
+    fault: Fault,
+    protocol: LocalizationProtocol,
+    generator: torch.Generator,
+) -> Initialisation:
+    truth = torch.from_numpy(runs.poses[0])
+    turn = 0.0 if protocol.heading_deg is None else math.radians(protocol.heading_deg) / 2
+    across = 0.0 if protocol.unit == "frames" else protocol.position / 2
+    sigma = (protocol.position / 2, across, turn)
+    if isinstance(fault, WrongStart):
+        return GaussianStart(_displaced(truth, fault, protocol, generator), sigma)
+    if settings.start == "gaussian":
+        noise = torch.randn(truth.shape, generator=generator, dtype=truth.dtype) * truth.new_tensor(sigma)
+        return GaussianStart(se2_compose(truth, noise), sigma)
+    return AppearanceStart() if settings.start == "appearance" else UniformStart()
+
+
+def _displaced(
+    truth: torch.Tensor, fault: WrongStart, protocol: LocalizationProtocol, generator: torch.Generator
+) -> torch.Tensor:
+    """Poses at the fault's distance, in directions drawn at random; on a railway ahead or behind."""
+    draws = torch.rand(len(truth), 2, generator=generator, dtype=truth.dtype)
+    side = torch.where(draws[:, 1] < 0.5, -1.0, 1.0)
+    direction = torch.where(side < 0, math.pi, 0.0) if protocol.unit == "frames" else 2 * math.pi * draws[:, 0]
+    turn = 0.0 * side if protocol.heading_deg is None else math.radians(fault.heading_deg) * side
+    moved = fault.distance * torch.stack([direction.cos(), direction.sin()], dim=1)
+    return torch.cat([truth[:, :2] + moved, (truth[:, 2] + turn)[:, None]], dim=1)
+
+
+def _nll(truth: ndarray, belief: Belief, protocol: LocalizationProtocol, prior: MapPrior) -> ndarray:
+    """Of the true pose under a kernel density of the particles, bounded by a uniform one over the map."""
+    railway = protocol.unit == "frames"
+    axes = (0,) if railway else (0, 1, 2)
+    low, high = prior.poses[:, :2].amin(0), prior.poses[:, :2].amax(0)
+    sides = (high - low + 2 * protocol.position).tolist()
+    volume = sides[0] if railway else sides[0] * sides[1] * 2 * math.pi
+    return particle_nll(
+        truth,
+        belief.poses.numpy(),
+        belief.log_weights.numpy(),
+        bandwidth_m=BANDWIDTH * protocol.position,
+        bandwidth_rad=math.radians(BANDWIDTH * (protocol.heading_deg or 40.0)),
+        axes=axes,
+        background=BACKGROUND,
+        background_density=1 / volume,
+    )

@@ -1,0 +1,1 @@
+"""Place recognition (chapter 3): network, module, comparison and report."""

@@ -1,0 +1,43 @@
+"""Recall@1 of every condition in every other one, as a table with its protocol in the name."""
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from sextant.data.places import PlaceImages, PlaceTolerance
+from sextant.evaluation.places.condition_recall import ConditionRecall, condition_recall
+from sextant.evaluation.places.positives import Positives
+from sextant.tasks.places.report import logged_name, protocol_of
+
+
+def condition_pairs(
+    descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
+) -> ConditionRecall:
+    """Recall@1 between all pairs of conditions of the images described."""
+    every = np.arange(len(places))
+    positives = Positives.from_sparse(places.positives(every, every, tolerance))
+    return condition_recall(descriptors, places.traverse, positives, places.conditions)
+
+
+def pair_metrics(pairs: ConditionRecall, tolerance: PlaceTolerance) -> dict[str, float]:
+    """``test/R_at_1_<tolerance>_<query>_to_<reference>`` of every two conditions, and the mean ``..._across``.
+
+    A condition in itself is left to :func:`pair_arrays`: where an image has no second one of its place it has no match.
+    """
+    found = {protocol_of(tolerance).name("R@1_across"): pairs.across}
+    for (row, column), value in np.ndenumerate(pairs.recall):
+        if row != column:
+            names = pairs.conditions[row], pairs.conditions[column]
+            found[protocol_of(tolerance, *names).name("R@1")] = float(value)
+    return {logged_name(name): value for name, value in found.items() if value == value}
+
+
+def pair_arrays(pairs: ConditionRecall, tolerance: PlaceTolerance) -> dict[str, ndarray]:
+    """Tables with a row a condition of the queries and a column a condition of the references, and their names."""
+    name = protocol_of(tolerance).name("R@1")
+    return {
+        f"{name}/pairs/conditions": np.array(pairs.conditions),
+        f"{name}/pairs/recall": pairs.recall,
+        f"{name}/pairs/queries": pairs.queries,
+        f"{name}/pairs/queries_without_positive": pairs.unmatchable,
+    }

@@ -1,0 +1,222 @@
+"""Place recognition: a short descriptor that is alike for images of one place under any appearance (chapter 3)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytorch_lightning as pl
+import torch
+from jaxtyping import Float32
+from numpy import ndarray
+from torch import Tensor
+from torch.nn.utils import clip_grad_norm_
+from torch.optim import Optimizer
+
+from sextant.data.places import PlaceImages, PlaceTolerance
+from sextant.data.places.batches import PlaceBatch, PlaceBatchImages
+from sextant.data.places.datamodule import PlaceData
+from sextant.data.places.relation import batch_places, places_of
+from sextant.evaluation.places.positives import Positives
+from sextant.evaluation.places.retrieval import chance_recall, recall
+from sextant.evaluation.protocols import places_converged
+from sextant.losses import PlaceLoss
+from sextant.losses.place_loss import Pairing
+from sextant.models.place_net import PlaceNet
+from sextant.retrieval import CachedHardMining, Mining, NoMining, gathered, relations
+from sextant.retrieval.nearest import nearest_neighbours
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
+from sextant.tasks.places.whitening import Whitening, solve_projection
+from sextant.tasks.step_losses import StepLosses
+
+#: images of the training split that a pooling is prepared from
+FIRST_LOOK = 256
+
+
+@dataclass(frozen=True)
+class PlaceSpec:
+    """What a trained network expects: channels, height and width of its images."""
+
+    channels: int
+    height: int
+    width: int
+
+
+@dataclass(frozen=True)
+class PlaceResult:
+    """Descriptors of all images of the test split, in its order, and what they show."""
+
+    descriptors: Float32[ndarray, "n d"]
+    places: PlaceImages
+
+
+class PlaceRecognition(pl.LightningModule):
+    """Trains a network so that descriptors of one place are alike and those of two places are not.
+
+    Args:
+        network: gives the descriptors.
+        spec: of its images.
+        loss: of the descriptors of a batch.
+        mining: chooses triplets for the loss; ``NoMining`` gives it all pairs of the batch.
+        seed: of what mining draws.
+        optimizer: builds the optimiser from the parameters; None for a model that is only used.
+        schedule: factor on the learning rate as a function of the share of epochs done.
+        clip: largest norm of a gradient.
+        whitening: solves for the last layer when the last epoch is done; None keeps the one that was trained.
+        log_every: steps between two logged training losses.
+    """
+
+    monitor, monitor_mode = "val/recall_at_1", "max"
+
+    def __init__(
+        self,
+        network: PlaceNet,
+        spec: PlaceSpec,
+        loss: PlaceLoss,
+        mining: Mining | CachedHardMining,
+        *,
+        seed: int = 0,
+        optimizer: OptimizerFactory | None = None,
+        schedule: Schedule | None = None,
+        clip: float = 1.0,
+        whitening: Whitening | None = None,
+        log_every: int = 50,
+    ):
+        super().__init__()
+        self.network, self.spec = network, spec
+        self.loss, self.mining, self.seed = loss, mining, seed
+        self.optimizer_factory, self.schedule, self.clip = optimizer, schedule, clip
+        self.whitening = whitening
+        self.step_losses = StepLosses(log_every)
+        self.result: PlaceResult | None = None
+        self._mined: Tensor = torch.zeros(0, 3, dtype=torch.int64)
+        self._seen: list[Tensor] = []
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Descriptors ``(b, d)`` of images in [0, 1], ``(b, c, h, w)``."""
+        return self.network(images)  # type: ignore[no-any-return]
+
+    def on_fit_start(self) -> None:
+        """Prepare a pooling that starts from features, unless training is resumed."""
+        if self.trainer.global_step == 0:
+            train = self._data.split("train")
+            generator = torch.Generator().manual_seed(self.seed)
+            chosen = torch.randperm(len(train), generator=generator)[:FIRST_LOOK].numpy()
+            images = torch.from_numpy(train.images[chosen]).permute(0, 3, 1, 2).float() / 255
+            self.network.initialise_pooling(images.to(self.device), generator)
+
+    def training_step(self, batch: PlaceBatch, batch_idx: int) -> Tensor:
+        """The loss of a batch of places, or of triplets from the whole training set where mining is cached."""
+        epoch = self.seed * 1_000_003 + self.trainer.current_epoch
+        generator = torch.Generator().manual_seed(epoch * 100_003 + batch_idx)
+        if isinstance(self.mining, CachedHardMining):
+            images, pairing = self._next_triplets(self.mining, len(batch.rows), batch_idx, generator)
+            descriptors = self(images)
+        else:
+            descriptors, tolerance = self(batch.images_in_unit_range()), self._data.tolerance
+            relation = relations(batch_places(batch, tolerance), tolerance)
+            every = isinstance(self.mining, NoMining)
+            pairing = relation if every else self.mining(descriptors, relation, generator).triplets
+        value, active = self.loss(descriptors, pairing)
+        self._log_training_loss(self.step_losses.add(self.global_step, value), float(active))
+        return value  # type: ignore[no-any-return]
+
+    def _next_triplets(
+        self, mining: CachedHardMining, images: int, batch_idx: int, generator: torch.Generator
+    ) -> tuple[Tensor, Pairing]:
+        """Images of the next triplets of the training set, a third of a batch of them; mined anew when due."""
+        train, tolerance = self._data.split("train"), self._data.tolerance
+        if batch_idx % mining.refresh == 0 or len(self._mined) == 0:
+            cache = self._describe_training()
+            mined = mining(cache, places_of(train, tolerance), tolerance, generator)
+            self._mined = mined.triplets[torch.randperm(len(mined.triplets), generator=generator)]
+        count = max(1, images // 3)
+        chosen, self._mined = self._mined[:count], self._mined[count:]
+        rows, triplets = gathered(chosen)
+        numbers = rows + self.trainer.current_epoch * len(train)
+        images_of = PlaceBatchImages(train, self._data.augmentation, self.seed)
+        return images_of[numbers].to(self.device).images_in_unit_range(), triplets.to(self.device)
+
+    @torch.no_grad()
+    def _describe_training(self) -> Tensor:
+        self.network.eval()
+        batches = self._data.in_order("train")
+        cache = torch.cat([self(batch.to(self.device).images_in_unit_range()).cpu() for batch in batches])
+        self.network.train()
+        return cache
+
+    def on_train_epoch_start(self) -> None:
+        """Mine anew in every epoch, so that a resumed one begins as it would have."""
+        self._mined = self._mined[:0]
+
+    def on_train_epoch_end(self) -> None:
+        """Look at the losses since the last logged one, so that no epoch ends unseen; whiten after the last."""
+        self._log_training_loss(self.step_losses.flush())
+        if self.whitening is not None and self.trainer.current_epoch + 1 == self.trainer.max_epochs:
+            solve_projection(self.network, self._data.split("train"), self._data.tolerance, self.whitening)
+
+    def _log_training_loss(self, loss: float | None, active: float | None = None) -> None:
+        if loss is None or self.logger is None:
+            return
+        rate = self.trainer.optimizers[0].param_groups[0]["lr"]
+        metrics = {"train/loss": loss, "train/learning_rate": rate}
+        self.logger.log_metrics(metrics | ({} if active is None else {"train/active": active}), step=self.global_step)
+
+    def configure_gradient_clipping(
+        self, optimizer: Optimizer, gradient_clip_val: Any = None, gradient_clip_algorithm: Any = None
+    ) -> None:
+        """Shorten gradients longer than ``clip``."""
+        clip_grad_norm_(self.network.parameters(), self.clip)
+
+    def validation_step(self, batch: PlaceBatch, batch_idx: int) -> None:
+        """Describe a batch."""
+        self._seen.append(self(batch.images_in_unit_range()).float().cpu())
+
+    def on_validation_epoch_end(self) -> None:
+        """Log ``val/recall_at_1``, the mean over the traverses that are not the map, and what chance has."""
+        recall_at_1, chance = mean_recall(self._take(), self._data.split("val"), self._data.test_tolerance)
+        self.log_dict({"val/recall_at_1": recall_at_1, "val/chance": chance})
+
+    def test_step(self, batch: PlaceBatch, batch_idx: int) -> None:
+        """Describe a batch."""
+        self._seen.append(self(batch.images_in_unit_range()).float().cpu())
+
+    def on_test_epoch_end(self) -> None:
+        """Keep the descriptors as :attr:`result`; log the mean recall over the traverses that are not the map."""
+        self.result = PlaceResult(self._take(), self._data.split("test"))
+        recall_at_1, chance = mean_recall(self.result.descriptors, self.result.places, self._data.test_tolerance)
+        self.log_dict({"test/recall_at_1": recall_at_1, "test/chance": chance})
+
+    def predict_step(self, images: Tensor) -> Tensor:
+        """Descriptors of images in [0, 1]."""
+        return self(images)  # type: ignore[no-any-return]
+
+    def configure_optimizers(self) -> Any:
+        """The optimiser, with the schedule stepped once an epoch."""
+        return optimizers(self, self.optimizer_factory, self.schedule)
+
+    def converged(self, validation: dict[str, float]) -> bool:
+        """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""
+        return places_converged(validation["val/recall_at_1"], validation["val/chance"])
+
+    def _take(self) -> Float32[ndarray, "n d"]:
+        found, self._seen = torch.cat(self._seen).numpy(), []
+        return np.ascontiguousarray(found, np.float32)
+
+    @property
+    def _data(self) -> PlaceData:
+        return self.trainer.datamodule  # type: ignore[attr-defined,no-any-return]
+
+
+def mean_recall(
+    descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
+) -> tuple[float, float]:
+    """Recall@1 of every other traverse in the first one, averaged over them, and the same of a random ranking."""
+    reference = places.rows_of(places.conditions[0])
+    found = []
+    for condition in places.conditions[1:]:
+        query = places.rows_of(condition)
+        positives = Positives.from_sparse(places.positives(query, reference, tolerance))
+        neighbours = nearest_neighbours(descriptors[reference], descriptors[query])
+        found.append((recall(neighbours, positives, (1,)).over_all[1], chance_recall(positives)))
+    first, second = np.mean(found, axis=0)
+    return float(first), float(second)

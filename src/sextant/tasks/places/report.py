@@ -1,0 +1,304 @@
+"""The trained descriptor beside all others on the test split: figures of merit, arrays by query, table, pictures."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+from numpy import ndarray
+
+from sextant.baselines.descriptor import unit_norm
+from sextant.data.places import PlaceImages, PlaceTolerance
+from sextant.evaluation.places.condition_recall import ConditionRecall
+from sextant.evaluation.places.positives import Positives
+from sextant.evaluation.places.posterior import PlacePosterior, fit_temperature, place_posterior
+from sextant.evaluation.places.precision_recall import PrecisionRecall, best_match_curve
+from sextant.evaluation.places.retrieval import RANKS, Recall, RetrievalProtocol, recall
+from sextant.evaluation.places.single_image_ceiling import picture_runs, single_image_ceiling, standstill
+from sextant.retrieval.nearest import Neighbours
+from sextant.retrieval.sequence_matching import match_sequences
+from sextant.tasks.places.methods import Described, Progress, baselines
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NETWORK = "network"
+#: queries in the gallery, and matches shown of each
+GALLERY_ROWS, GALLERY_MATCHES = 8, 5
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """One method on the queries of one condition.
+
+    Attributes:
+        described: map and queries.
+        neighbours: most similar references of every query.
+        recall: at several ranks.
+        curve: precision against recall of the best matches.
+        hit: whether the best match of each query is right.
+        sequence_hit: the same by sequences.
+        posterior: over the map, with a temperature fitted on the validation split; None without one.
+    """
+
+    described: Described
+    neighbours: Neighbours
+    recall: Recall
+    curve: PrecisionRecall
+    hit: Bool[ndarray, "m"]
+    sequence_hit: Bool[ndarray, "m"]
+    posterior: PlacePosterior | None = None
+
+
+@dataclass(frozen=True)
+class QueryReport:
+    """All methods on the queries of one condition.
+
+    Attributes:
+        protocol: what its figures mean.
+        positives: of each query among the map.
+        flat: queries without content, such as tunnels.
+        stopped: queries whose picture is that of the frame before or after, as at a stop.
+        ceiling: recall@1 that a descriptor of single images can expect if equal pictures are all that it confuses.
+        methods: results by name, the network last.
+        left_out: baselines that could not learn from the training split, with the reason.
+    """
+
+    protocol: RetrievalProtocol
+    positives: Positives
+    flat: Bool[ndarray, "m"]
+    stopped: Bool[ndarray, "m"]
+    ceiling: float
+    methods: dict[str, MethodResult]
+    left_out: dict[str, str]
+
+    @property
+    def moving(self) -> Bool[ndarray, "m"]:
+        """Queries that can be told from their neighbours: neither flat nor stopped."""
+        return np.asarray(~(self.flat | self.stopped))
+
+
+def protocol_of(tolerance: PlaceTolerance, query: str = "", reference: str = "") -> RetrievalProtocol:
+    """What figures within a tolerance mean."""
+    unit = "f" if tolerance.unit == "frames" else "m"
+    return RetrievalProtocol(tolerance.positive, unit, query, reference, heading_deg=tolerance.heading_deg)
+
+
+def compare(
+    descriptors: Mapping[str, Float32[ndarray, "n d"]],
+    places: PlaceImages,
+    train: PlaceImages | None,
+    tolerance: PlaceTolerance,
+    *,
+    sequence_length: int,
+    size: tuple[int, int],
+    progress: Progress = lambda done, total: None,
+) -> list[QueryReport]:
+    """Every traverse but the first as queries, with the first as the map.
+
+    Args:
+        descriptors: of all images by networks, by method; ``network`` is the trained one.
+        places: the images.
+        train: what baselines learn from; None leaves them out.
+        tolerance: of one place.
+        sequence_length: images in a sequence.
+        size: height and width at which baselines see the images.
+        progress: called with the conditions done and all.
+    """
+    reports = []
+    reference_condition, *queries = places.conditions
+    reference = places.rows_of(reference_condition)
+    for number, condition in enumerate(queries):
+        query = places.rows_of(condition)
+        positives = Positives.from_sparse(places.positives(query, reference, tolerance))
+        found, left_out = ({}, {}) if train is None else baselines(train, places, condition, tolerance, size=size)
+        ours = {name: Described(unit_norm(d[reference]), unit_norm(d[query])) for name, d in descriptors.items()}
+        methods = {name: _result(each, positives, sequence_length) for name, each in (found | ours).items()}
+        still = places.still[query]
+        ceiling = single_image_ceiling(positives, picture_runs(still), picture_runs(places.still[reference]))
+        protocol = protocol_of(tolerance, condition, reference_condition)
+        flat, stopped = places.flat[query], standstill(still)
+        reports.append(QueryReport(protocol, positives, flat, stopped, ceiling, methods, left_out))
+        progress(number + 1, len(queries))
+    return reports
+
+
+def temperature(
+    descriptors: Float32[ndarray, "n d"],
+    places: PlaceImages,
+    tolerance: PlaceTolerance,
+    elsewhere: Float32[ndarray, "m d"] | None = None,
+) -> float:
+    """The temperature of the posterior that fits the other traverses of a split to its first.
+
+    Args:
+        descriptors: of all images of the split.
+        places: the images.
+        tolerance: of one place.
+        elsewhere: descriptors of other places, which enlarge the map. In a map of some dozens of places every query may
+            be right, and nothing would keep the temperature from zero.
+    """
+    reference = places.rows_of(places.conditions[0])
+    query = np.concatenate([places.rows_of(name) for name in places.conditions[1:]])
+    found, unit = places.positives(query, reference, tolerance), unit_norm(descriptors)
+    similarities = unit[query] @ unit[reference].T
+    if elsewhere is not None:
+        similarities = np.hstack([similarities, unit[query] @ unit_norm(elsewhere).T])
+        found.resize((len(query), similarities.shape[1]))
+    if np.ptp(similarities) == 0:  # a network that gives all images one descriptor: any temperature is as good
+        return 1.0
+    return fit_temperature(similarities, Positives.from_sparse(found))
+
+
+def _result(described: Described, positives: Positives, length: int) -> MethodResult:
+    ranks = tuple(k for k in RANKS if k <= len(described.reference))
+    neighbours = nearest_with_values(described, max(ranks))
+    sequences = match_sequences(described.similarities, length=length)
+    return MethodResult(
+        described,
+        neighbours,
+        recall(neighbours.indices, positives, ranks),
+        best_match_curve(neighbours.indices, neighbours.values, positives),
+        positives.hits(neighbours.indices[:, :1])[:, 0],
+        positives.hits(sequences.indices[:, :1])[:, 0],
+    )
+
+
+def nearest_with_values(described: Described, k: int) -> Neighbours:
+    """The k most similar references of every query, and how similar they are."""
+    from sextant.retrieval.flat_index import FlatIndex
+
+    return FlatIndex(described.reference).search(described.query, k)
+
+
+def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior]) -> dict[str, float]:
+    """Figures of the network under their full names; MLflow allows no @ in them: ``R_at_1``."""
+    found: dict[str, float] = {}
+    for report, posterior in zip(reports, posteriors, strict=True):
+        ours = report.methods[NETWORK]
+        found |= ours.recall.named(report.protocol) | ours.curve.named(report.protocol)
+        found |= posterior.named(report.protocol)
+        found[report.protocol.name("R@1_sequence")] = float(ours.sequence_hit.mean())
+        if report.flat.any() and not report.flat.all():
+            found[report.protocol.name("R@1_not_flat")] = float(ours.hit[~report.flat].mean())
+        if report.moving.any() and not report.moving.all():
+            found[report.protocol.name("R@1_moving")] = float(ours.hit[report.moving].mean())
+    return {logged_name(name): value for name, value in found.items() if value == value}
+
+
+def logged_name(metric: str) -> str:
+    """The name of a figure of the test where it is logged; MLflow allows no @, = or +, and few other signs."""
+    return "test/" + re.sub(r"[^\w.\- ]", "_", metric.replace("@", "_at_"))
+
+
+def ceilings(reports: list[QueryReport]) -> dict[str, float]:
+    """The ceiling of single images under the name of the figure that it bounds."""
+    return {report.protocol.name("R@1"): report.ceiling for report in reports}
+
+
+def posteriors_of(reports: list[QueryReport], temperature: float) -> list[PlacePosterior]:
+    """Posteriors of the network over the map, at a temperature that was fitted elsewhere."""
+    return [
+        place_posterior(report.methods[NETWORK].described.similarities, report.positives, temperature)
+        for report in reports
+    ]
+
+
+def arrays(reports: list[QueryReport]) -> dict[str, ndarray]:
+    """Of every query whether each method finds its place, ``R@1_.../<method>``, and whether it is flat or stopped."""
+    kept: dict[str, ndarray] = {}
+    for report in reports:
+        name = report.protocol.name("R@1")
+        kept |= {f"{name}/{method}": result.hit for method, result in report.methods.items()}
+        sequence = report.protocol.name("R@1_sequence")
+        kept |= {f"{sequence}/{method}": result.sequence_hit for method, result in report.methods.items()}
+        kept |= {report.protocol.name("flat"): report.flat, report.protocol.name("stopped"): report.stopped}
+    return kept
+
+
+def table(reports: list[QueryReport], sequence_length: int) -> list[dict[str, str]]:
+    """A row a condition and method, in per cent."""
+    rows = []
+    for report in reports:
+        for method, result in report.methods.items():
+            row = {
+                "query": report.protocol.query,
+                "method": method,
+                "dim": str(result.described.reference.shape[1]),
+                "R@1": percent(result.recall.over_all[1]),
+                "R@1 not flat": percent(_mean(result.hit[~report.flat])),
+                "R@1 moving": percent(_mean(result.hit[report.moving])),
+                "R@5": percent(result.recall.over_all.get(5, float("nan"))),
+                "AUC": f"{result.curve.auc:.3f}",
+                "R@100P": percent(result.curve.recall_at_precision(1)),
+                f"R@1 seq {sequence_length}": percent(float(result.sequence_hit.mean())),
+            }
+            rows.append(row)
+    return rows
+
+
+def _mean(hit: Bool[ndarray, "k"]) -> float:
+    return float(hit.mean()) if len(hit) else float("nan")
+
+
+def percent(share: float) -> str:
+    """A share for a table; a dash for nan."""
+    return "–" if share != share else f"{100 * share:.1f}"
+
+
+def figures(reports: list[QueryReport], places: PlaceImages, pairs: ConditionRecall) -> "Iterator[tuple[str, Figure]]":
+    """Curves, similarity matrix and gallery of each condition, and recall between all pairs of conditions."""
+    from sextant.figures.places.condition_confusion import condition_confusion
+    from sextant.figures.places.precision_recall import precision_recall_curves
+    from sextant.figures.places.retrieval_gallery import retrieval_gallery
+    from sextant.figures.places.similarity_matrix import similarity_matrix
+
+    reference = places.rows_of(places.conditions[0])
+    for report in reports:
+        condition, ours = report.protocol.query, report.methods[NETWORK]
+        title = f"{condition} in {report.protocol.reference}, {report.protocol.name('R@1')}"
+        curves = {name: result.curve for name, result in report.methods.items()}
+        yield f"precision_recall_{condition}", precision_recall_curves(curves, title)
+        yield (
+            f"similarity_{condition}",
+            similarity_matrix(
+                ours.described.similarities,
+                report.positives,
+                ours.neighbours.indices[:, 0],
+                query=condition,
+                reference=report.protocol.reference,
+                title=title,
+            ),
+        )
+        rows = _gallery_rows(report, places, places.rows_of(condition), reference)
+        yield f"gallery_{condition}", retrieval_gallery(rows, title)
+    yield "condition_confusion", condition_confusion(pairs)
+
+
+def _gallery_rows(
+    report: QueryReport, places: PlaceImages, query: Int64[ndarray, "m"], reference: Int64[ndarray, "n"]
+) -> list:  # type: ignore[type-arg]
+    """Queries at even steps through the ride, each with its best matches and the right place."""
+    from sextant.figures.places.retrieval_gallery import Retrieved
+
+    ours = report.methods[NETWORK]
+    shown = np.unique(np.linspace(0, len(query) - 1, GALLERY_ROWS).round().astype(int))
+    matches = ours.neighbours.indices[:, :GALLERY_MATCHES]
+    right = report.positives.hits(matches)
+    rows = []
+    for i in shown:
+        partners = report.positives[int(i)]
+        truth = None if not len(partners) else places.images[reference[partners[len(partners) // 2]]]
+        rows.append(
+            Retrieved(
+                places.images[query[i]],
+                [places.images[reference[j]] for j in matches[i]],
+                [bool(r) for r in right[i]],
+                title=places.names[query[i]],
+                titles=[f"{value:.2f}" for value in ours.neighbours.values[i, :GALLERY_MATCHES]],
+                truth=truth,
+            )
+        )
+    return rows

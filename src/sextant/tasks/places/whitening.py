@@ -1,0 +1,100 @@
+"""The last layer of a trained place network, solved for instead of trained; see ``models.learned_whitening``."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Int64
+from numpy import ndarray
+
+from sextant.data.places import PlaceImages, PlaceTolerance
+from sextant.errors import UserError
+from sextant.models.learned_whitening import learned_whitening
+from sextant.models.place_net import PlaceNet
+from sextant.tasks.places.methods import training_pairs
+
+#: images whose features are held in memory, and described at a time
+MOST, BATCH = 4_000, 256
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """How the last layer is solved for.
+
+    Attributes:
+        components: principal components of the pooled features that are looked at.
+        shrinkage: of the scatter within places, as a multiple of its mean variance.
+    """
+
+    components: int = 256
+    shrinkage: float = 1.0
+
+
+@torch.no_grad()
+def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTolerance, whitening: Whitening) -> None:
+    """Replace weight and bias of the projection.
+
+    Args:
+        network: whose projection is replaced; on any device.
+        train: images of the training split.
+        tolerance: of one place.
+        whitening: how.
+
+    Raises:
+        UserError: too few training places are seen under two conditions, or the pooling gives too few numbers.
+    """
+    rows, place = _looked_at(train, tolerance)
+    device, training = next(network.parameters()).device, network.training
+    network.eval()
+    features = []
+    for start in range(0, len(rows), BATCH):
+        images = torch.from_numpy(train.images[rows[start : start + BATCH]]).permute(0, 3, 1, 2).to(device)
+        features.append(network.pooling(network.feature_map(images.float() / 255)).float())
+    network.train(training)
+    try:
+        weight, bias = learned_whitening(
+            torch.cat(features),
+            torch.from_numpy(place).to(device),
+            network.dimension,
+            components=whitening.components,
+            shrinkage=whitening.shrinkage,
+        )
+    except ValueError as error:
+        raise UserError(f"task.whitening: {error}", "task.whitening=null, or a smaller task.dimension") from None
+    network.projection.weight.copy_(weight)  # type: ignore[operator]
+    network.projection.bias.copy_(bias)  # type: ignore[operator]
+
+
+def images_by_place(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
+    """Rows of images, and the place of each, from 0 on: an image of the first condition and its positives of others.
+
+    Of several positives under one condition the next is taken, as in ``training_pairs``. Images of the first condition
+    that have none are left out.
+    """
+    first, *others = train.conditions
+    anchors = {int(row): [int(row)] for row in train.rows_of(first)}
+    for condition in others:
+        for anchor, partner in zip(*training_pairs(train, first, condition, tolerance), strict=True):
+            anchors[int(anchor)].append(int(partner))
+    places = [rows for rows in anchors.values() if len(rows) > 1]
+    place = np.repeat(np.arange(len(places)), [len(rows) for rows in places])
+    return np.array([row for rows in places for row in rows], np.int64), place
+
+
+def _looked_at(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"]]:
+    """As :func:`images_by_place`; of very many places every second, third, ... one."""
+    rows, place = images_by_place(train, tolerance)
+    step = max(1, -(-len(rows) // MOST))
+    kept = place % step == 0
+    return rows[kept], place[kept] // step
+
+
+def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int) -> None:
+    """Raise a ``UserError`` if the training split cannot span ``dimension`` directions; to be told before training."""
+    rows, _ = _looked_at(train, tolerance)
+    if len(rows) - 1 < dimension:
+        raise UserError(
+            f"task.whitening: {len(rows)} training images show a place that is seen under two conditions; for "
+            f"task.dimension={dimension} more than {dimension} are needed",
+            f"task.whitening=null, or task.dimension={max(1, len(rows) - 1)} or less",
+        )

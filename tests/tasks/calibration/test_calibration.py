@@ -1,0 +1,126 @@
+import functools
+
+import numpy as np
+import pytest
+import pytorch_lightning as pl
+import torch
+from calibration_toy import ToyPanoramas, distribution
+
+from sextant.corruptions import CorruptionSuite
+from sextant.data.calibration.datamodule import CalibrationData
+from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
+from sextant.losses import BearingLoss
+from sextant.models import CalibrationNet, StridedCNN
+from sextant.tasks.calibration.module import Calibration, CalibrationPrediction, CalibrationSpec, reported
+from sextant.tasks.calibration.report import arrays, compare, figures, metrics, table
+
+
+def data(**changes):
+    counts = {"train": 64, "val": 8, "test": 4}
+    settings = {"size": (48, 64), "crops_per_panorama": counts, "batch_size": 32, "eval_batch_size": 48, "seed": 0}
+    return CalibrationData(ToyPanoramas(), distribution(), None, **settings | changes)
+
+
+def module(crops):
+    torch.manual_seed(0)
+    parameterization = Parameterization()
+    space = ParameterSpace.covering(parameterization, crops.distribution_sample())
+    spec = CalibrationSpec(
+        48, 64, (4 / 3,), tuple(space.low.tolist()), tuple(space.high.tolist()), 48, 8, (0.0, 0.0, 0.8, -0.1),
+        (0.1, 0.2, 0.2, 0.1),
+    )  # fmt: skip
+    network = CalibrationNet(StridedCNN(6, (48, 64), 64, widths=(16, 24, 32, 32)), 64)
+    loss = BearingLoss(spec.space(parameterization))
+    adam = functools.partial(torch.optim.AdamW, lr=2e-3)
+    return Calibration(network, spec, parameterization, loss, CorruptionSuite({}, 0), optimizer=adam)
+
+
+def trainer(epochs, folder):
+    return pl.Trainer(
+        max_epochs=epochs, accelerator="cpu", logger=False, enable_checkpointing=False, enable_progress_bar=False,
+        enable_model_summary=False, num_sanity_val_steps=0, default_root_dir=folder,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    crops = data()
+    calibration = module(crops)
+    run = trainer(8, tmp_path_factory.mktemp("run"))
+    run.fit(calibration, crops)
+    validation = dict(run.validate(calibration, crops, verbose=False)[0])
+    run.test(calibration, crops, verbose=False)
+    return calibration, crops, validation
+
+
+def test_it_learns_what_the_pictures_show(trained):
+    calibration, _, validation = trained
+    assert calibration.converged(validation)
+    assert validation["val/bearing_deg"] < 0.6 * validation["val/bearing_deg_constant"]
+
+
+def test_the_scores_of_the_intervals_are_those_of_the_validation_crops(trained):
+    calibration, crops, _ = trained
+    batch = crops.split("val")[list(range(48))]
+    camera, scale = calibration.eval()(batch.images_in_unit_range(), batch.aspect)
+    scores = (reported(camera) - reported(batch.cameras)).abs() / scale
+    torch.testing.assert_close(calibration.scores, scores.detach(), rtol=1e-4, atol=1e-5)
+
+
+def test_intervals_grow_with_their_level(trained):
+    calibration, crops, _ = trained
+    batch = crops.split("test")[[0, 1]]
+    prediction = calibration.predict(batch.images, batch.aspect)
+    quantiles = torch.stack([prediction.quantile(level) for level in (0.5, 0.68, 0.8)])
+    assert (quantiles.diff(dim=0) >= 0).all()
+    assert prediction.scale.shape == (2, 4)
+
+
+def test_too_few_scores_give_endless_intervals():
+    prediction = CalibrationPrediction(CameraParameters(*torch.zeros(4, 1)), torch.ones(1, 4), torch.rand(8, 4), 1)
+    assert prediction.quantile(0.95).isinf().all()
+    assert prediction.quantile(0.5).isfinite().all()
+
+
+def test_the_same_crops_come_again_and_other_epochs_have_others():
+    crops = data()
+    crops.setup("fit")
+    first, again = (crops.split("train")[[5, 70]] for _ in range(2))
+    assert torch.equal(first.images, again.images)
+    assert not torch.equal(first.images, crops.split("train")[[5 + 384, 70 + 384]].images)
+    assert torch.equal(first.panoramas, torch.tensor([5, 4]))
+
+
+def test_clipping_the_expected_errors_leaves_the_network_alone():
+    crops = data()
+    calibration = module(crops)
+    for parameter in calibration.parameters():
+        parameter.grad = torch.full_like(parameter, 1e-6)
+    for parameter in calibration.network.scales.parameters():
+        parameter.grad = torch.full_like(parameter, 1e3)
+    calibration.configure_gradient_clipping(None)
+    assert all((p.grad == 1e-6).all() for p in calibration.network.backbone.parameters())
+    norm = torch.cat([p.grad.flatten() for p in calibration.network.scales.parameters()]).norm()
+    assert norm == pytest.approx(1, rel=1e-3)
+
+
+def test_the_report_has_every_method_and_its_pictures(trained):
+    calibration, crops, _ = trained
+    report = compare(calibration, crops, geometric=True, progress=lambda *_: None)
+    assert {"constant", "prior", "vanishing points", "plumb lines", "network", "network + lines"} <= set(report.errors)
+    rows = table(report, calibration.result.panoramas)
+    assert rows[0]["method"] == "constant"
+    numbers = metrics(calibration, report)
+    assert numbers["test/bearing_deg/network"] < numbers["test/bearing_deg/constant"]
+    assert 0 <= numbers["test/coverage_68/tilt"] <= 1
+    kept = arrays(calibration, report)
+    assert kept["tilt_deg/network"].shape == (24,)
+    assert all(array.dtype != object for array in kept.values())
+    assert {name for name, _ in figures(calibration, crops, report)} >= {"crops", "error_by_parameter", "coverage"}
+
+
+def test_without_geometric_methods_the_report_is_of_labels_and_the_network(trained):
+    calibration, crops, _ = trained
+    report = compare(calibration, crops, geometric=False, progress=lambda *_: None)
+    assert list(report.errors) == ["constant", "prior", "network"]
+    assert np.isfinite(report.errors["network"]["bearing_deg"]).all()

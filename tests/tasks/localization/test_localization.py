@@ -1,0 +1,281 @@
+"""A localizer from end to end in a small office: trained, calibrated, resumed, tested again."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from tiny_office import office_cache, office_config
+
+from sextant.cli import evaluate
+from sextant.errors import UserError
+from sextant.lifecycle.execute import execute
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observers import Camera
+from sextant.recipes.descriptors import BaselineDescriber
+from sextant.runs.checkpoint import KEY, load_checkpoint
+from sextant.runs.directory import RunDirectory
+from sextant.tasks.localization.module import Localization
+
+#: four values of the loss, one an epoch of ten steps
+USUAL = ("trainer.max_epochs=4",)
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory):
+    return office_cache(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory):
+    return tmp_path_factory.mktemp("localization")
+
+
+@pytest.fixture(scope="module")
+def run(cache, outputs):
+    """The directory of a run with some overrides."""
+
+    def finish(*overrides, into=None):
+        return RunDirectory(execute(office_config(cache, into or outputs, *overrides)).directory)
+
+    return finish
+
+
+@pytest.fixture(scope="module")
+def usual(run):
+    return run(*USUAL)
+
+
+def logged(directory, name):
+    lines = map(json.loads, directory.history.read_text().splitlines())
+    return [line["metrics"][name] for line in lines if name in line["metrics"]]
+
+
+def arrays(directory):
+    with np.load(directory.arrays, allow_pickle=False) as found:
+        return dict(found)
+
+
+def metrics(directory):
+    """Of a run, without what tells of the machine."""
+    of_the_machine = ("ms_per_step", "memory", "us_per_particle", "ms_per_image", "fit_map_s")
+    found = directory.results()["metrics"]
+    return {key: value for key, value in found.items() if not any(name in key for name in of_the_machine)}
+
+
+# -- training and calibration ------------------------------------------------------------------------------------------
+
+
+def test_the_likelihood_of_the_map_rises(usual):
+    losses = logged(usual, "train/loss")
+    assert len(losses) == 4
+    assert (np.diff(losses) < 0).all()
+    assert losses[-1] < losses[0] - 0.02  # nats of each number of each descriptor
+
+
+def test_the_posterior_over_the_map_is_calibrated(usual):
+    found = usual.results()["metrics"]
+    assert 0 < found["val/tempering"] < 1
+    assert found["val/appearance_variance"] > 0  # night is no noise of the map's
+    assert found["val/place_nll"] < found["val/place_nll_uniform"]
+    assert usual.results()["outcome"] == "finished"
+
+
+def test_no_other_tempering_is_better(usual, run):
+    noise = usual.results()["metrics"]["val/appearance_variance"]
+    best = usual.results()["metrics"]["val/place_nll"]
+    tempering = usual.results()["metrics"]["val/tempering"]
+    for factor in (0.7, 1.4):
+        given = min(1.0, factor * tempering)
+        fixed = (f"likelihood.tempering={given}", f"likelihood.appearance_noise={noise}")
+        other = run(*USUAL, *fixed, "task.starts=1", "task.horizon=12")
+        assert other.results()["metrics"]["val/tempering"] == pytest.approx(given, rel=1e-6)
+        assert other.results()["metrics"]["val/place_nll"] > best
+
+
+def test_what_a_run_keeps(usual):
+    found, results = arrays(usual), usual.results()
+    trials = {"summer_noon", "night_clear"}
+    assert {key.removeprefix("success/") for key in found if key.startswith("success/")} == trials
+    for trial in trials:
+        assert found[f"position_error/{trial}"].shape == (3, 30)
+        converged, success = found[f"converged/{trial}"], found[f"success/{trial}"]
+        np.testing.assert_array_equal(converged >= 0, success == 1)
+        for at, errors, turned in zip(
+            converged, found[f"position_error/{trial}"], found[f"heading_error_deg/{trial}"], strict=True
+        ):
+            if at >= 0:
+                assert (errors[at : at + 10] <= 0.5).all()
+                assert (turned[at : at + 10] <= 10).all()
+    assert results["metrics"]["test/success"] == pytest.approx(np.mean([found[f"success/{t}"] for t in trials]))
+    assert results["degenerate_steps"] == dict.fromkeys(sorted(trials, reverse=True), 0)
+    assert results["parameters"] == 5
+
+
+def test_by_day_it_knows_where_it_is(usual):
+    assert arrays(usual)["success/summer_noon"].mean() >= 2 / 3
+
+
+def test_whitened_errors(run):
+    found = run("likelihood.whitening=true", "task.starts=1", "task.horizon=12")
+    assert found.results()["metrics"]["val/place_nll"] < found.results()["metrics"]["val/place_nll_uniform"]
+    whitener = load_checkpoint(found.last_checkpoint)["state_dict"]["whitener"]
+    torch.testing.assert_close(whitener, whitener.mT)
+    assert (torch.linalg.eigvalsh(whitener) > 0).all()
+    assert not torch.allclose(whitener, torch.eye(16, dtype=torch.float64))
+
+
+def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
+    found = run("task.objective=vecchia", "task.images=120", "task.starts=1", "task.horizon=12", *USUAL)
+    losses = logged(found, "train/loss")
+    assert losses[-1] < losses[0]
+    for name in ("length_x", "heading_length_rad", "signal_variance"):
+        joint, other = (logged(directory, f"train/{name}")[-1] for directory in (usual, found))
+        assert 0.5 < other / joint < 2
+
+
+def test_a_laser_needs_no_training(run):
+    directory = run("observation=laser_field", "task.starts=2", "trainer.max_epochs=1")
+    found = directory.results()
+    assert found["parameters"] == 0
+    kept = load_checkpoint(directory.last_checkpoint)["state_dict"]  # it can be tested again
+    assert float(kept["fitted"]) == pytest.approx(found["metrics"]["val/tempering"], rel=1e-6)
+    assert 0 < found["metrics"]["val/tempering"] <= 1
+    assert found["metrics"]["val/place_nll"] < found["metrics"]["val/place_nll_uniform"]
+
+
+# -- identity, resuming, evaluation ------------------------------------------------------------------------------------
+
+
+def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, run, tmp_path, monkeypatch):
+    training_step, seen = Localization.training_step, []
+
+    def interrupted_in_the_third_epoch(self, rows, batch_idx):
+        seen.append(self.global_step)
+        if len(seen) == 24:
+            raise KeyboardInterrupt
+        return training_step(self, rows, batch_idx)
+
+    monkeypatch.setattr(Localization, "training_step", interrupted_in_the_third_epoch)
+    with pytest.raises(KeyboardInterrupt):
+        run(*USUAL, into=tmp_path)
+    resumed = run(*USUAL, into=tmp_path)
+    assert seen[24:] == list(range(20, 40))
+    assert metrics(resumed) == metrics(usual)
+    one, other = (load_checkpoint(directory.last_checkpoint)["state_dict"] for directory in (usual, resumed))
+    assert one.keys() == other.keys()
+    assert all(torch.equal(one[name], other[name]) for name in one)
+    assert logged(resumed, "train/loss") == logged(usual, "train/loss")
+    for name, values in arrays(usual).items():
+        np.testing.assert_array_equal(values, arrays(resumed)[name])
+
+
+def test_the_same_run_is_not_done_twice(usual, run):
+    assert run(*USUAL).path == usual.path
+
+
+def test_the_checkpoint_knows_its_task(usual):
+    content = load_checkpoint(usual.last_checkpoint)[KEY]
+    assert content["task"] == "localization"
+    assert content["spec"] == {"dimension": 16, "unit": "m"}
+
+
+def test_descriptors_are_worked_out_once(usual, cache, run, monkeypatch):
+    before = {path: path.stat().st_mtime_ns for path in cache.glob("descriptors-*.npy")}
+    assert before
+
+    def forbidden(self, images):
+        raise AssertionError("it was described again")
+
+    monkeypatch.setattr(BaselineDescriber, "describe", forbidden)
+    run("seed=7", "task.starts=1", "task.horizon=12")
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    with pytest.raises(AssertionError, match="described again"):
+        run("descriptor.dimensions=8", "task.starts=1", "task.horizon=12")
+
+
+def test_a_thinned_map_has_the_descriptors_of_the_images_that_are_left(run, usual, monkeypatch):
+    seen = []
+    fit_map = Localization.fit_map
+
+    def noted(self, data, drive, as_it_is=None):
+        model = fit_map(self, data, drive, as_it_is)
+        seen.append((data.descriptors(drive), as_it_is, model.map))
+        return model
+
+    monkeypatch.setattr(Localization, "fit_map", noted)
+    for fault, count in (("fault=thinned_map", 0.5), ("fault=noisy_map_poses", 1.0)):
+        keep = ["fault.keep=0.5"] if "thinned" in fault else []
+        run(fault, *keep, "task.starts=1", "task.horizon=12")
+        described, as_it_is, found = next(each for each in reversed(seen) if each[1] is not None)
+        assert len(found) == pytest.approx(count * len(described), abs=1)
+        np.testing.assert_array_equal(found.descriptors.numpy(), described[as_it_is.frames])
+        np.testing.assert_array_equal(found.poses.numpy(), as_it_is.poses)
+
+
+def test_a_fault_without_what_it_needs(run):
+    with pytest.raises(UserError, match=r"fault\.condition=spring_rain: the dataset has no map under spring_rain"):
+        run("fault=wrong_season_map", "fault.condition=spring_rain", "task.starts=1", "task.horizon=12")
+
+
+def test_training_goes_on_from_the_weights_of_another_run(usual, run):
+    found = run("trainer.max_epochs=1", f"init_from={usual.path}", "task.starts=1", "task.horizon=12")
+    assert logged(found, "train/loss")[0] < logged(usual, "train/loss")[2]
+
+
+def test_a_trained_localizer_is_tested_with_another_fault(usual, cache, outputs):
+    places = (f"paths.outputs={outputs}", f"paths.cache={cache}", "tracking=none")
+    evaluate.main([f"run={usual.path}", "fault=kidnap", "fault.distance=2.0", *places])
+    (path,) = outputs.glob("runs/evaluation/*/metrics.json")
+    found = arrays(RunDirectory(path.parent))
+    assert {key for key in found if key.startswith("success/")} == {
+        "success/summer_noon, kidnap",
+        "success/night_clear, kidnap",
+    }
+    results = json.loads(path.read_text())
+    assert any(key.startswith("test/recovered_") for key in results["metrics"])
+    assert results["metrics"]["test/success"] == pytest.approx(
+        np.mean([found[key] for key in found if key.startswith("success/")])
+    )
+
+
+class Nothing(Evidence):
+    """An image that no pose explains."""
+
+    def __init__(self, runs, images):
+        self.runs, self.images = runs, images
+
+    def log_likelihood(self, poses):
+        return torch.full(poses.shape[:2], -torch.inf, dtype=torch.float64)
+
+    def over_map(self):
+        return torch.full((self.runs, self.images), -torch.inf, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("recovery", ["none", "uniform", "augmented", "topk_naive", "bayes_restart"])
+def test_steps_in_which_no_particle_explains_the_image_are_counted_and_got_over(run, recovery, monkeypatch):
+    observe, steps = Camera.observe, []
+
+    def blinded(self, frames):
+        steps.append(frames)
+        blind = 5 <= (len(steps) - 1) % 30 < 9
+        return Nothing(len(frames), len(self.model.map)) if blind else observe(self, frames)
+
+    monkeypatch.setattr(Camera, "observe", blinded)
+    found = run(f"recovery={recovery}", "seed=11", "trainer.max_epochs=1")
+    assert found.results()["degenerate_steps"] == {"summer_noon": 4 * 3, "night_clear": 4 * 3}  # of three runs each
+    for name, values in arrays(found).items():
+        if name.startswith(("position_error", "mass", "nll")):
+            assert np.isfinite(values).all(), name
+
+
+def test_a_run_tells_what_its_sensor_is_worth_and_costs(usual, run):
+    found = usual.results()["metrics"]
+    by_drive = [found[f"test/descriptor_nll/{name}"] for name in ("summer_noon", "night_clear")]
+    assert found["test/descriptor_nll"] == pytest.approx(np.mean(by_drive))
+    assert by_drive[0] < by_drive[1]  # the map was seen at noon
+    for name in ("us_per_particle", "ms_per_image", "fit_map_s", "model_mb"):
+        assert found[f"test/{name}"] > 0
+    blind = run(*USUAL, "likelihood=univariate", "task.starts=1", "task.horizon=12")
+    assert "test/descriptor_nll" not in blind.results()["metrics"]
+    assert blind.results()["metrics"]["test/us_per_particle"] > 0

@@ -1,0 +1,183 @@
+"""Place recognition end to end on folders of small pictures in two lights."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from sextant.cli import evaluate
+from sextant.cli.compose import compose, to_plain
+from sextant.config import validate
+from sextant.data.places import PlaceTolerance
+from sextant.errors import UserError
+from sextant.lifecycle.execute import execute
+from sextant.recipes.place_recognition import PlaceRecognitionRecipe
+from sextant.recipes.trained_model import model_from_checkpoint, read_trained
+from sextant.runs.directory import RunDirectory
+from sextant.tasks.places.whitening import Whitening, solve_projection
+
+PLACES = {"train": 48, "val": 16, "test": 24}
+
+
+def scene(number, night):
+    """A smooth picture of one place; at night its negative, darker, with noise of its own."""
+    rng = np.random.default_rng(number)
+    picture = gaussian_filter(rng.normal(size=(16, 24, 3)), (1.5, 1.5, 0))
+    picture = 128 + 90 * picture / np.abs(picture).max()
+    if night:
+        picture = 80 - 0.3 * picture + np.random.default_rng(number + 10_000).normal(scale=4, size=picture.shape)
+    return Image.fromarray(picture.clip(0, 255).astype(np.uint8))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    root = tmp_path_factory.mktemp("places")
+    number = 0
+    for split, count in PLACES.items():
+        for k in range(count):
+            for light in ("day", "night"):
+                path = root / split / light / f"{k:03d}.png"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                scene(number + k, light == "night").save(path)
+        number += 1000
+    return root
+
+
+def config(folder, outputs, *overrides):
+    splits = [f"dataset.{s}={{day: {s}/day, night: {s}/night}}" for s in PLACES]
+    chosen = [
+        "task=place_recognition",
+        "dataset=place_folders",
+        f"dataset.folder={folder}",
+        "dataset.places=order",
+        "dataset.height=16",
+        "dataset.width=24",
+        *splits,
+        "backbone=place_cnn",
+        "task.whitening=null",  # there are fewer images than numbers in a descriptor
+        "task.batch_places=12",
+        "task.tolerance.frames.positive=0",
+        "task.tolerance.frames.negative=1",
+        "task.test_tolerance.frames.positive=0",
+        "task.test_tolerance.frames.negative=1",
+        "trainer.max_epochs=8",
+        "trainer.progress=false",
+        "tracking=none",
+        f"paths.outputs={outputs}",
+    ]
+    return to_plain(compose([*chosen, *overrides]))
+
+
+@pytest.fixture(scope="module")
+def trained(folder, tmp_path_factory):
+    outputs = tmp_path_factory.mktemp("outputs")
+    return outputs, RunDirectory(execute(config(folder, outputs)).directory)
+
+
+def test_it_learns_to_find_places_again_at_night(trained):
+    _, run = trained
+    results = run.results()
+    assert results["outcome"] == "finished"
+    metrics = results["metrics"]
+    assert metrics["test/recall_at_1"] > 5 * metrics["test/chance"]
+    assert metrics["test/chance"] == pytest.approx(1 / PLACES["test"])
+    assert metrics["test/R_at_1_pm0f_night_to_day"] == pytest.approx(metrics["test/recall_at_1"])
+    assert metrics["test/place_nll_pm0f_night_to_day"] < metrics["test/place_nll_uniform_pm0f_night_to_day"]
+    with np.load(run.arrays) as arrays:
+        assert arrays["R@1_pm0f_night_to_day/network"].mean() == pytest.approx(metrics["test/recall_at_1"])
+        assert arrays["R@1_pm0f_night_to_day/network"].mean() > arrays["R@1_pm0f_night_to_day/untrained network"].mean()
+
+
+def test_methods_that_cannot_learn_from_so_few_images_are_named(trained):
+    _, run = trained
+    methods = {row["method"] for row in run.results()["table"]}
+    assert {"pixels", "HOG", "untrained network", "network"} <= methods
+    assert set(run.results()["baselines_left_out"]["night"]) == {"whitened PCA", "LDA", "CCA"}
+
+
+def test_pictures(trained):
+    _, run = trained
+    names = {path.stem for path in run.figures.glob("*.png")}
+    assert names == {"precision_recall_night", "similarity_night", "gallery_night", "condition_confusion"}
+
+
+def test_the_last_layer_is_solved_for_after_the_last_epoch(folder, tmp_path):
+    whitening = ["task.whitening={components: 64, shrinkage: 1.0}", "task.dimension=16", "task.baselines=false"]
+    run = RunDirectory(execute(config(folder, tmp_path, *whitening)).directory)
+    raw = yaml.safe_load(run.config.read_text())
+    module = model_from_checkpoint(raw, validate(raw), read_trained(run.last_checkpoint), run.last_checkpoint)
+    kept = module.network.projection.weight.clone()
+    torch.nn.init.zeros_(module.network.projection.weight)
+    train = PlaceRecognitionRecipe().source(raw, validate(raw)).read("train")
+    solve_projection(module.network, train, PlaceTolerance("frames", 0, 1), Whitening(64, 1.0))
+    torch.testing.assert_close(module.network.projection.weight, kept, rtol=1e-3, atol=1e-4)
+
+
+def test_too_few_images_to_solve_for_the_last_layer_are_told_before_training(folder, tmp_path):
+    with pytest.raises(UserError, match=r"task.whitening: 96 training images.*\n.*task.dimension=95"):
+        execute(config(folder, tmp_path, "task.whitening={components: 256, shrinkage: 1.0}"))
+    with pytest.raises(UserError, match=r"components=8 must be at least task.dimension=16"):
+        execute(config(folder, tmp_path, "task.whitening={components: 8, shrinkage: 1.0}", "task.dimension=16"))
+    few = ["task.whitening={components: 40, shrinkage: 1.0}", "task.dimension=40", "pooling=average"]
+    with pytest.raises(UserError, match=r"the pooling gives 32 numbers.*\n.*task.dimension=32"):
+        execute(config(folder, tmp_path, *few, "backbone.widths=[8, 8, 8, 32]"))
+    with pytest.raises(UserError, match=r"test_checkpoint=best needs task.whitening=null"):
+        execute(config(folder, tmp_path, "task.whitening={components: 8, shrinkage: 1}", "task.test_checkpoint=best"))
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["loss=triplet_ratio", "mining=batch_hard", "task.normalise=false"],
+        ["loss=triplet_margin", "mining=cached_hard", "mining.anchors=20", "mining.candidates=20"],
+        ["loss=multi_similarity", "pooling=netvlad", "pooling.clusters=4"],
+        ["loss=contrastive", "pooling=gem", "inhibition=push_pull"],
+        ["loss=soft_margin", "mining=semi_hard", "pooling=mixvpr", "pooling.out_channels=8", "task.baselines=false"],
+    ],
+)
+def test_choices_can_be_combined(folder, tmp_path, overrides):
+    run = RunDirectory(execute(config(folder, tmp_path, "trainer.max_epochs=1", *overrides)).directory)
+    assert np.isfinite(run.results()["metrics"]["test/recall_at_1"])
+
+
+def test_evaluation_repeats_the_test(trained, folder):
+    outputs, run = trained
+    evaluate.main([f"run={run.path}", "task.baselines=false", f"paths.outputs={outputs}", "tracking=none"])
+    newest = max(outputs.glob("runs/evaluation/*/metrics.json"), key=lambda path: path.stat().st_mtime_ns)
+    again = json.loads(newest.read_text())["metrics"]
+    assert again["test/recall_at_1"] == run.results()["metrics"]["test/recall_at_1"]
+
+
+def test_runs_repeat_bit_for_bit(folder, tmp_path):
+    first, second = (
+        execute(config(folder, tmp_path / name, "trainer.max_epochs=2", "task.baselines=false")) for name in "ab"
+    )
+    weights = [
+        torch.load(RunDirectory(each.directory).last_checkpoint, weights_only=True)["state_dict"]
+        for each in (first, second)
+    ]
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (["loss=bearing"], "is not one of task=place_recognition"),
+        (["corruption=gaussian"], "corruption=none"),
+        (["task.tolerance.m.negative=1"], "positive=3 must be below negative=1"),
+        (["task.train_conditions=[day]", "task.test_conditions=[night]"], "nothing to learn from"),
+    ],
+)
+def test_mistakes(folder, tmp_path, overrides, said):
+    with pytest.raises(UserError, match=said):
+        execute(config(folder, tmp_path, *overrides))
+
+
+def test_a_dataset_without_places(tmp_path):
+    raw = to_plain(compose(["task=place_recognition", "dataset=digits", f"paths.outputs={tmp_path}", "tracking=none"]))
+    with pytest.raises(UserError, match=r"has no places.*\n.*town_seasons"):
+        execute(raw)
