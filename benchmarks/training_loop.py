@@ -48,8 +48,8 @@ def _ours(raw: dict) -> float:
 def _plain(raw: dict) -> float:
     """What ``fit`` does and nothing else: read the data, train, validate once an epoch."""
     from sextant.config import validate
+    from sextant.config.building import build
     from sextant.recipes import recipe_of
-    from sextant.recipes.assemble import build
 
     config = validate(raw)
     family = recipe_of(config)

@@ -2,12 +2,12 @@ import pickle
 
 import pytest
 
+from sextant.config.building import build, naming_groups
 from sextant.data.source import MissingDataError
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.observation import LocalGP
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.recipes.assemble import build, naming_groups
 
 
 def test_a_mistake_survives_the_way_back_from_a_worker_process():

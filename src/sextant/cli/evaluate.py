@@ -41,8 +41,8 @@ def main(arguments: Sequence[str]) -> None:
         return
     reference, overrides = split_run(arguments, USAGE)
     found = resolve_run(reference, _outputs(overrides))
-    from sextant.recipes.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
+    from sextant.trained.content import read_trained
 
     content = read_trained(found.checkpoint)
     raw, config = checkpoint_config(content[KEY], overrides)

@@ -84,8 +84,8 @@ def main(arguments: Sequence[str]) -> None:
     paths = find_photos(given["input"], output)
     _make(output)
     found = _find_run(given)
-    from sextant.recipes.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
+    from sextant.trained.content import read_trained
 
     content = read_trained(found.checkpoint)
     trained = content[KEY]
@@ -195,12 +195,12 @@ def _calibrate(
     trust: bool,
 ) -> None:
     from sextant.applications.calibration.model import TrainedModel
-    from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.photo_calibration.predict import predict_calibrations
     from sextant.recipes.trained_model import model_from_checkpoint
     from sextant.runs.checkpoint import KEY
+    from sextant.trained.content import own_config
 
-    raw, config = checkpoint_config(content[KEY], ["trust=true"] if trust else [])
+    raw, config = own_config(content[KEY], trust=trust)
     module = model_from_checkpoint(raw, config, content, checkpoint)
     predict_calibrations(TrainedModel(module), paths, output, options)
 
@@ -214,26 +214,23 @@ def _match_places(given: Mapping[str, str]) -> None:
     inputs = read_inputs(given)
     _make(inputs.output)
     found = _find_run(given)
-    from sextant.recipes.trained_model import read_trained
     from sextant.runs.checkpoint import KEY
+    from sextant.trained.content import read_trained
 
     content = read_trained(found.checkpoint)
     trained = content[KEY]
     if trained["task"] != "place_recognition":
         raise UserError(f"map= belongs to place_recognition; this is a model of {trained['task']}", USAGE)
     from sextant.applications.places.run_facts import run_facts, run_temperature
-    from sextant.cli.evaluate import checkpoint_config
     from sextant.cli.place_matching.predict import predict_places
     from sextant.config.schema import PlaceRecognitionTask
-    from sextant.data.places.decoded_images import ImageSize
-    from sextant.recipes.trained_model import model_from_checkpoint
-    from sextant.tasks.places.network import TrainedPlaceNetwork
+    from sextant.trained.content import own_config
+    from sextant.trained.place_network import trained_place_network
 
-    raw, config = checkpoint_config(trained, ["trust=true"] if given.get("trust") == "true" else [])
+    trust = given.get("trust") == "true"
+    _, config = own_config(trained, trust=trust)
     assert isinstance(config.task, PlaceRecognitionTask)
-    module = model_from_checkpoint(raw, config, content, found.checkpoint)
-    size = ImageSize(module.spec.height, module.spec.width, module.spec.channels)
-    network = TrainedPlaceNetwork(module.network, size, found.identity)
+    network = trained_place_network(content, found.checkpoint, found.identity, trust=trust)
     predict_places(
         network,
         inputs,
@@ -248,9 +245,9 @@ def _classify(
 ) -> tuple[list[dict[str, Any]], list[tuple[np.ndarray, str]]]:
     import torch
 
-    from sextant.cli.evaluate import checkpoint_config
-    from sextant.recipes.classification import image_spec
     from sextant.runs.checkpoint import KEY
+    from sextant.trained.content import own_config
+    from sextant.trained.networks import image_spec
 
     spec = image_spec(content[KEY]["spec"])
     if spec.height != spec.width:
@@ -258,7 +255,7 @@ def _classify(
             f"{checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to fit",
             "Images of a dataset: python evaluate.py run=<...> dataset=<...>",
         )
-    raw, config = checkpoint_config(content[KEY], ["corruption=none", *(["trust=true"] if trust else [])])
+    raw, config = own_config(content[KEY], trust=trust)
     chances_or_scores = _answering(raw, config, content, checkpoint)
     rows: list[dict[str, Any]] = []
     pictures: list[tuple[np.ndarray, str]] = []
@@ -299,13 +296,15 @@ def _answering(
     raw: Mapping[str, Any], config: "Config", content: Mapping[str, Any], checkpoint: Path
 ) -> Callable[["Tensor"], tuple[str, "Tensor"]]:
     """What gives images (bytes) numbers for each class, with the name of such a number."""
-    from sextant.recipes.trained_model import classifier_from_checkpoint, model_from_checkpoint
+    from sextant.trained.networks import trained_network
 
     if config.task.name == "cosfire":
+        from sextant.recipes.trained_model import model_from_checkpoint
+
         module = model_from_checkpoint(raw, config, content, checkpoint)
         console.print(f"method {module.methods[0]}")
         return lambda images: ("score", module.predict_step(images))
-    network = classifier_from_checkpoint(raw, content, checkpoint)  # Lightning would double the time of a short command
+    network = trained_network(raw, content, checkpoint)  # Lightning would double the time of a short command
     return lambda images: ("probability", network(images.float() / 255).softmax(1))
 
 

@@ -9,9 +9,9 @@ from rich.table import Table
 
 from sextant.cli.console import console, key_value_table, rows_table
 from sextant.config import Config
+from sextant.config.building import part_name
 from sextant.lifecycle.published_figures import comparison, says
 from sextant.recipes import recipe_of
-from sextant.recipes.assemble import part_name
 from sextant.runs.directory import RunDirectory
 
 

@@ -6,6 +6,11 @@ from importlib import import_module
 from typing import Any
 
 TARGET, PARTIAL = "_target_", "_partial_"
+#: where parts are today whose import paths configs of stored runs hold; configs, and so digests, keep the old path
+MOVED = {
+    "sextant.cli.descriptors.TrainedDescriptor": "sextant.recipes.descriptors.TrainedDescriptor",
+    "sextant.cli.descriptors.DescriptorFiles": "sextant.recipes.descriptors.DescriptorFiles",
+}
 
 
 def build_part(node: Mapping[str, Any], **arguments: Any) -> Any:
@@ -35,7 +40,7 @@ def _built(value: Any) -> Any:
 
 def _named(path: str) -> Any:
     """What an import path names: a name in a module, or a name in that."""
-    parts = path.split(".")
+    parts = MOVED.get(path, path).split(".")
     for length in range(len(parts) - 1, 0, -1):
         module = ".".join(parts[:length])
         try:

@@ -13,12 +13,12 @@ from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.progress import TrainingProgress
 from sextant.config import Config
+from sextant.config.building import naming_groups
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
 from sextant.lifecycle.published_figures import same_images
 from sextant.recipes import Source, recipe_of
-from sextant.recipes.assemble import naming_groups
-from sextant.recipes.trained_model import load_weights, model_from_checkpoint, read_trained
+from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
 from sextant.runs.directory import RunDirectory, RunKey
@@ -27,6 +27,7 @@ from sextant.tasks.peak_memory import reset_peak_memory
 from sextant.tracking.logger import RunLogger
 from sextant.tracking.mirror import MirroredRun
 from sextant.tracking.system_metrics import system_metrics
+from sextant.trained.content import load_weights, read_trained
 
 
 def train_and_test(

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
+from sextant.config.building import build, part_name
 from sextant.config.schema import CalibrationTask
 from sextant.errors import UserError
-from sextant.recipes.assemble import build, build_dataset, build_suite, build_training, conditions_name, part_name
+from sextant.recipes.assemble import build_dataset, build_suite, build_training, conditions_name
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
 if TYPE_CHECKING:

@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.cli.console import console
 from sextant.config import Config
+from sextant.config.building import build, part_name
 from sextant.config.schema import ClassificationTask
-from sextant.data.source import ImageSource, ImageSpec
+from sextant.data.source import ImageSource
 from sextant.errors import UserError
-from sextant.recipes.assemble import build, build_dataset, build_suite, build_training, conditions_name, part_name
+from sextant.recipes.assemble import build_dataset, build_suite, build_training, conditions_name
 from sextant.recipes.recipe import Recipe, Source, TestRecord
+from sextant.trained.networks import classifier, image_spec
 
 if TYPE_CHECKING:
-    from torch import nn
-
     from sextant.data.datamodule import ImageData
     from sextant.tasks.classification.module import Classification
 
@@ -77,23 +77,8 @@ class ClassificationRecipe(Recipe):
         """The classification module."""
         from sextant.tasks.classification.module import Classification
 
-        network, suite = self.network(raw, spec), build_suite(raw)
-        return Classification(network, image_spec(spec), suite, **build_training(raw, training))
-
-    def network(self, raw: Mapping[str, Any], spec: Mapping[str, Any]) -> "nn.Module":
-        """The network alone, with its inhibition; Lightning is not imported."""
-        images = image_spec(spec)
-        network = build(
-            raw,
-            "backbone",
-            in_channels=images.channels,
-            image_size=(images.height, images.width),
-            num_classes=len(images.classes),
-        )
-        try:
-            return build(raw, "inhibition")(network)  # type: ignore[no-any-return]
-        except ValueError as error:
-            raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+        network = classifier(raw, spec)
+        return Classification(network, image_spec(spec), build_suite(raw), **build_training(raw, training))
 
     def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: ImageSource) -> None:
         """Raise a ``UserError`` unless the images have the shape and the number of classes of training."""
@@ -121,8 +106,3 @@ class ClassificationRecipe(Recipe):
             module.result, module.suite, module.network, module.spec.classes, data.split("test").images
         )
         return TestRecord(module.arrays(), pictures, facts=module.facts())
-
-
-def image_spec(spec: Mapping[str, Any]) -> ImageSpec:
-    """Shape and classes of the images that a model was trained on."""
-    return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))

@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
+from sextant.config.building import build, part_name
 from sextant.config.schema import CosfireTask
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
-from sextant.recipes.assemble import build, build_dataset, build_training, part_name
-from sextant.recipes.classification import image_spec
+from sextant.recipes.assemble import build_dataset, build_training
 from sextant.recipes.cosfire_checks import check_parts
 from sextant.recipes.cosfire_parts import describing, features_of_run, make_filters, scenes_of
 from sextant.recipes.descriptors import descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 from sextant.runs.resolve import resolve_run
+from sextant.trained.networks import image_spec
 
 if TYPE_CHECKING:
     from sextant.data.examples import ExampleData
@@ -99,8 +100,8 @@ class CosfireRecipe(Recipe):
         spec = source.spec()
         told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
         if config.features is not None and config.features.run is not None:
-            from sextant.recipes.trained_model import read_trained
             from sextant.runs.checkpoint import KEY
+            from sextant.trained.content import read_trained
 
             found = resolve_run(config.features.run, Path(config.paths.outputs), "features.run")
             content = read_trained(found.checkpoint)[KEY]

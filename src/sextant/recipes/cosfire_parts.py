@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sextant.cli.work_progress import work_progress
+from sextant.config.building import build, part_name
 from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank
 from sextant.config.schema.tasks import SceneChoice
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
-from sextant.recipes.assemble import build, part_name
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
@@ -59,10 +59,10 @@ def features_of_run(
 ) -> "FeatureMap":
     """The feature map of another run's network; its weights are read when training begins, and then kept with ours."""
     from sextant.models import FeatureMap
-    from sextant.recipes import recipe_of
-    from sextant.recipes.trained_model import load_weights, read_trained
+    from sextant.trained.content import read_trained
+    from sextant.trained.networks import TASKS, new_network, trained_network
 
-    if kept["task"] not in ("classification", "place_recognition"):
+    if kept["task"] not in TASKS:
         raise UserError(
             f"features.run={raw['features']['run']} is a run of task={kept['task']}, which has no feature map",
             "Name a run of task=classification or task=place_recognition.",
@@ -73,18 +73,19 @@ def features_of_run(
             "was trained on classes of its own, and none is known to be new to it",
             "Train the network here (a backbone in place of features=run), or task.novel_classes=0.",
         )
-    module = recipe_of(kept["task"]).module(kept["config"], kept["spec"], training=False)
     if training:
         checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"]), "features.run").checkpoint
-        load_weights(module, read_trained(checkpoint), checkpoint)
+        network: Any = trained_network(kept["config"], read_trained(checkpoint), checkpoint)
+    else:
+        network = new_network(kept["task"], kept["config"], kept["spec"])
     layer = raw["features"]["layer"]
     if kept["task"] == "place_recognition":
         if layer is not None:  # one feature map within another would never see a layer of the inner one
-            known = module.network.backbone
-            network = known.network if isinstance(known, FeatureMap) else known
-            module.network.backbone = FeatureMap(network, shape[0], shape[1:], layer=layer)
+            known = network.backbone
+            inner = known.network if isinstance(known, FeatureMap) else known
+            network.backbone = FeatureMap(inner, shape[0], shape[1:], layer=layer)
         layer = "backbone"
-    return FeatureMap(module.network.eval(), shape[0], shape[1:], layer=layer)
+    return FeatureMap(network.eval(), shape[0], shape[1:], layer=layer)
 
 
 def scenes_of(dataset: Any, chosen: SceneChoice) -> ImageSource:

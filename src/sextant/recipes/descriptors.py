@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
+from sextant.config.building import build
 from sextant.errors import UserError
-from sextant.recipes.assemble import build
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
@@ -49,24 +49,19 @@ class TrainedDescriptor:
         Raises:
             UserError: there is no such run, or it is not one of place recognition.
         """
-        from sextant.config import validate
-        from sextant.data.places.decoded_images import ImageSize
-        from sextant.recipes.trained_model import model_from_checkpoint, read_trained
         from sextant.runs.checkpoint import KEY
-        from sextant.tasks.places.network import TrainedPlaceNetwork
+        from sextant.trained.content import read_trained
+        from sextant.trained.place_network import trained_place_network
 
         found = resolve_run(self.run, outputs, "descriptor.run")
         content = read_trained(found.checkpoint)
-        trained = content[KEY]
-        if trained["task"] != "place_recognition":
+        if (trained := content[KEY])["task"] != "place_recognition":
             raise UserError(
                 f"descriptor.run={self.run} is a run of task={trained['task']}, which gives no place descriptor",
                 "Name a run of task=place_recognition.",
             )
-        raw = trained["config"]
-        module = model_from_checkpoint(raw, validate(raw), content, found.checkpoint)
-        size = ImageSize(module.spec.height, module.spec.width, module.spec.channels)
-        return NetworkDescriber(TrainedPlaceNetwork(module.network, size, found.identity))
+        network = trained_place_network(content, found.checkpoint, found.identity, trust=True)
+        return NetworkDescriber(network)
 
 
 @dataclass(frozen=True)

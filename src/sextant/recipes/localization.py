@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
+from sextant.config.building import build, part_name
 from sextant.config.schema import LocalizationTask
 from sextant.config.schema.localization.parts import LASERS
 from sextant.errors import UserError
-from sextant.recipes.assemble import build, build_dataset, build_training, part_name
+from sextant.recipes.assemble import build_dataset, build_training
 from sextant.recipes.descriptors import describer, descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 

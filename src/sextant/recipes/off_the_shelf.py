@@ -90,18 +90,23 @@ def off_the_shelf(shelf: OffTheShelf, image_size: tuple[int, int], outputs: Path
 
 def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
     """The network of a run, a checkpoint or a published file; it standardises its images itself."""
-    from sextant.cli.evaluate import checkpoint_config
-    from sextant.recipes.trained_model import model_from_checkpoint, read_trained
     from sextant.runs.checkpoint import KEY as CONTENT
     from sextant.runs.resolve import resolve_run
+    from sextant.trained.content import own_config, read_trained
+    from sextant.trained.networks import TASKS, trained_network
 
     path = resolve_run(shelf.weights, outputs, f"{KEY}.weights").checkpoint
     content = read_trained(path)
-    raw, config = checkpoint_config(content[CONTENT], [])
+    raw, _ = own_config(content[CONTENT])
+    if (task := content[CONTENT]["task"]) not in TASKS:
+        raise UserError(
+            f"{KEY}.weights={shelf.weights} is a model of task={task}, which has no feature map",
+            f"Name a run of task={' or task='.join(TASKS)}.",
+        )
     channels = int(content[CONTENT]["spec"].get("channels", 3))
     backbone = raw["backbone"]
     name = str(backbone.get("name") or str(backbone["_target_"]).rsplit(".", 1)[-1])
-    network = model_from_checkpoint(raw, config, content, path).network
+    network = trained_network(raw, content, path)
     return _Trained(name, network, channels, (0.0,) * channels, (1.0,) * channels)
 
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.cli.work_progress import work_progress
 from sextant.config import Config
+from sextant.config.building import build, part_name
 from sextant.config.schema import PlaceRecognitionTask
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
-from sextant.recipes.assemble import build, build_dataset, build_training, part_name
+from sextant.recipes.assemble import build_dataset, build_training
 from sextant.recipes.off_the_shelf import off_the_shelf, weights_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 

@@ -9,11 +9,10 @@ from torch import nn
 
 from sextant.errors import UserError
 from sextant.models import FeatureMap
-from sextant.recipes.trained_model import model_from_checkpoint, read_trained
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import resolve_run
-
-TASKS = ("classification", "place_recognition")
+from sextant.trained.content import own_config, read_trained
+from sextant.trained.networks import TASKS, trained_network
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,6 @@ def trained_features(reference: str, outputs: Path, layer: str | None, *, trust:
     Raises:
         UserError: there is no such run or layer (those there are, are listed), or its task has no such network.
     """
-    from sextant.cli.evaluate import checkpoint_config
-
     found = resolve_run(reference, outputs)
     content = read_trained(found.checkpoint)
     trained = content[KEY]
@@ -56,8 +53,8 @@ def trained_features(reference: str, outputs: Path, layer: str | None, *, trust:
             f"run={reference} is a model of {trained['task']}; features are taken from {' or '.join(TASKS)}",
             "Name such a run, or leave run= out: preset= needs none.",
         )
-    raw, config = checkpoint_config(trained, ["trust=true"] if trust else [])
-    network = model_from_checkpoint(raw, config, content, found.checkpoint).network
+    raw, _ = own_config(trained, trust=trust)
+    network = trained_network(raw, content, found.checkpoint)
     spec = trained["spec"]
     before: nn.Module = nn.Identity()
     if trained["task"] == "place_recognition":

@@ -141,9 +141,11 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
 
 
 def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, trust: bool) -> KeptDescriptor:
-    from sextant.applications.localization.place_network import trained_place_network
+    from sextant.runs.checkpoint import KEY
+    from sextant.trained.place_network import trained_place_network
 
-    network = trained_place_network(facts, weights, facts["checkpoint_sha256"], file, trust=trust)
+    content = {KEY: facts, "state_dict": weights}
+    network = trained_place_network(content, file, facts["checkpoint_sha256"], trust=trust)
     return KeptDescriptor(network, facts, dict(weights))
 
 

@@ -57,14 +57,14 @@ class WhitenedPCADescriptor(Part):
 class TrainedDescriptor(Part):
     """The network of a run of place recognition."""
 
-    target: Literal["sextant.recipes.descriptors.TrainedDescriptor"] = Field(alias="_target_")
+    target: Literal["sextant.cli.descriptors.TrainedDescriptor"] = Field(alias="_target_")
     run: str = Field(examples=["place_recognition/1a2b3c4d-s0"])
 
 
 class DescriptorFiles(Part):
     """Vectors that were worked out elsewhere."""
 
-    target: Literal["sextant.recipes.descriptors.DescriptorFiles"] = Field(alias="_target_")
+    target: Literal["sextant.cli.descriptors.DescriptorFiles"] = Field(alias="_target_")
     folder: str = Field(examples=["descriptors"])
 
 

@@ -1,0 +1,48 @@
+"""From a config to objects: the only place that builds what ``_target_`` names."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from sextant.config.build_part import build_part
+from sextant.errors import ArgumentError, UserError
+
+
+def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
+    """Build the object that the config of ``group`` describes, with further ``arguments``.
+
+    Raises:
+        UserError: the import path does not exist, or the object does not take these arguments.
+    """
+    node = raw[group]
+    try:
+        return build_part(node, **arguments)
+    except ArgumentError as error:
+        raise error.within(group, node) from None
+    except UserError:
+        raise
+    except (TypeError, ValueError, ImportError, AttributeError, KeyError, OSError, RuntimeError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise UserError(
+            f"{group}: {node.get('_target_')} cannot be built: {reason}",
+            f"It is called with the keys of {group}" + (f" and {', '.join(arguments)}" if arguments else ""),
+        ) from None
+
+
+@contextmanager
+def naming_groups(raw: Mapping[str, Any]) -> Iterator[None]:
+    """Say of a mistake in an argument, found long after its part was built, which group of the config it is in."""
+    try:
+        yield
+    except ArgumentError as error:
+        for group, node in raw.items():
+            if isinstance(node, Mapping) and str(node.get("_target_", "")).rpartition(".")[-1] == error.of:
+                raise error.within(group, node) from None
+        raise
+
+
+def part_name(node: Mapping[str, Any]) -> str:
+    """The class that a config node names, with its settings."""
+    name = str(node["_target_"]).rsplit(".", 1)[-1]
+    settings = ", ".join(f"{key}={value}" for key, value in node.items() if not key.startswith("_"))
+    return f"{name}({settings})"

@@ -1,0 +1,71 @@
+"""The content of a trained model's file, its config and its weights."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.config import Config
+from sextant.config.trained import trained_config
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from torch import nn
+
+PUBLISHED = ".pth.tar"  # what the push-pull paper's authors call their files
+RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which are weights as well
+
+
+def read_trained(path: Path) -> dict[str, Any]:
+    """The content of a checkpoint of Sextant, or of a published push-pull network as if it were one.
+
+    Raises:
+        UserError: the file is missing, damaged or neither of the two; nothing in it was executed.
+    """
+    if path.name.endswith(PUBLISHED):
+        from sextant.trained.published import published_content
+
+        return published_content(path)
+    from sextant.runs.checkpoint import load_checkpoint
+
+    return load_checkpoint(path)
+
+
+def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> tuple[dict[str, Any], Config]:
+    """The config that a checkpoint brings with it, plain and typed, without what belongs to the run alone.
+
+    Args:
+        trained: what a checkpoint has under ``runs.checkpoint.KEY``.
+        trust: allow parts that are not Sextant's.
+
+    Raises:
+        UserError: as :func:`~sextant.config.trained.trained_config`.
+    """
+    raw = {**trained["config"], "reuse": "exact", "init_from": None, "sweep": None}
+    config = trained_config(raw, trained["task"], trust=trust)
+    if (within := trained["spec"].get("features")) is not None:  # of another run's network, which is built as well
+        trained_config(within["config"], within["task"], trust=trust)
+    return raw, config
+
+
+def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Path) -> None:
+    """Load what a checkpoint holds into a module, in place.
+
+    What a task has noted beside its weights, such as the score of what was never seen, may be infinite.
+
+    Raises:
+        UserError: the weights do not fit, or are not finite.
+    """
+    from sextant.torch_file import require_finite
+
+    state = content["state_dict"]
+    weights = {name for name, _ in module.named_parameters()}
+    weights |= {name for name, _ in module.named_buffers() if name.endswith(RUNNING)}
+    require_finite(state, checkpoint, weights)
+    try:
+        module.load_state_dict(state)
+    except RuntimeError as error:
+        lines = [line.strip() for line in str(error).splitlines()[1:4]]
+        raise UserError(
+            f"the weights in {checkpoint} do not fit this network: {' '.join(lines)}",
+            "Choose the backbone and inhibition that the checkpoint was trained with.",
+        ) from None

@@ -1,0 +1,71 @@
+"""Networks from the config and spec of a checkpoint, by what is registered in them alone."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from sextant.config.building import build
+from sextant.data.source import ImageSpec
+from sextant.errors import UserError
+from sextant.runs.checkpoint import KEY
+from sextant.tasks.places.network import place_network
+from sextant.trained.content import load_weights
+
+#: tasks whose networks are built here
+TASKS = ("classification", "place_recognition")
+
+
+def image_spec(spec: Mapping[str, Any]) -> ImageSpec:
+    """Shape and classes of the images that a model was trained on."""
+    return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))
+
+
+def classifier(raw: Mapping[str, Any], spec: Mapping[str, Any]) -> nn.Module:
+    """The network of classification with new weights, and its inhibition: images in [0, 1] to logits.
+
+    Raises:
+        UserError: a part cannot be built, or the inhibition does not fit the backbone.
+    """
+    images = image_spec(spec)
+    network = build(
+        raw,
+        "backbone",
+        in_channels=images.channels,
+        image_size=(images.height, images.width),
+        num_classes=len(images.classes),
+    )
+    try:
+        return build(raw, "inhibition")(network)  # type: ignore[no-any-return]
+    except ValueError as error:
+        raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+
+
+def new_network(task: str, raw: Mapping[str, Any], spec: Mapping[str, Any]) -> nn.Module:
+    """The network of one of :data:`TASKS` with new weights.
+
+    Raises:
+        UserError: a part cannot be built.
+    """
+    return classifier(raw, spec) if task == "classification" else place_network(raw, spec, partial(build, raw))
+
+
+def trained_network(raw: Mapping[str, Any], content: Mapping[str, Any], checkpoint: Path) -> Any:
+    """The network of a checkpoint of one of :data:`TASKS`, in evaluation mode.
+
+    Args:
+        raw: its config, by :func:`~sextant.trained.content.own_config`.
+        content: of the checkpoint, by :func:`~sextant.trained.content.read_trained`.
+        checkpoint: its file, for messages.
+
+    Raises:
+        UserError: a part cannot be built, or the weights do not fit or are not finite.
+    """
+    trained = content[KEY]
+    whole = nn.ModuleDict({"network": new_network(trained["task"], raw, trained["spec"])})
+    # what belongs to training alone, such as the state of a loss, is left out
+    own = {name: value for name, value in content["state_dict"].items() if name.startswith("network.")}
+    load_weights(whole, {"state_dict": own}, checkpoint)
+    return whole["network"].eval()
