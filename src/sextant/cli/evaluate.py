@@ -11,6 +11,7 @@ from hydra.errors import OverrideParseException
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.config_files import groups
 from sextant.cli.show import show_result
+from sextant.cli.terminal import TERMINAL
 from sextant.config import Config, digest, nearest
 from sextant.config.trained import trained_config
 from sextant.errors import UserError
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str]) -> None:
 
     content = read_trained(found.checkpoint)
     raw, config = checkpoint_config(content[KEY], overrides)
-    recipe = recipe_of(config.task.name)
+    recipe = recipe_of(config.task.name, TERMINAL)
     source = recipe.source(raw, config)
     recipe.require_fit(raw, content[KEY]["spec"], source)
     from sextant.lifecycle.training import test_checkpoint
@@ -55,9 +56,9 @@ def main(arguments: Sequence[str]) -> None:
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         open_mirror()
-        return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key)
+        return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key, TERMINAL)
 
-    outcome = run_once(key, raw, config, work, published=content[KEY].get("published"))
+    outcome = run_once(key, raw, config, work, published=content[KEY].get("published"), reporter=TERMINAL)
     show_result(RunDirectory(outcome.directory), task=config.task.name, reused=outcome.reused)
 
 

@@ -12,6 +12,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
 from sextant.cli.compose import compose, to_plain
+from sextant.cli.terminal import TERMINAL
 from sextant.cli.train import check_environment
 from sextant.config import Config, validate
 from sextant.config.schema import CosfireTask
@@ -94,7 +95,7 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
 def _over_seeds(
     design: Design, setting: dict[str, str], arm: str, overrides: list[str], raw: Mapping[str, Any], config: Config
 ) -> list[Planned]:
-    source, outputs, planned = recipe_of(config.task.name).source(raw, config), Path(config.paths.outputs), []
+    source, outputs, planned = recipe_of(config.task.name, TERMINAL).source(raw, config), Path(config.paths.outputs), []
     follows_seed = any("${seed}" in override for override in overrides)
     for pair, number in enumerate(design.seeds):
         seed = number + design.arms[arm][1]

@@ -54,6 +54,7 @@ def preflight(overrides: Sequence[str]) -> None:
 
 def check_environment(raw: Mapping[str, Any], config: Config) -> None:
     """Whether the data is there, the output folder can be written to, and the tracking server answers."""
+    from sextant.cli.terminal import TERMINAL
     from sextant.recipes import recipe_of
     from sextant.tracking.store import require_server
 
@@ -68,7 +69,7 @@ def check_environment(raw: Mapping[str, Any], config: Config) -> None:
             f"paths.outputs={outputs} cannot be written to: {error.strerror}",
             "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
         ) from None
-    recipe = recipe_of(config.task.name)
+    recipe = recipe_of(config.task.name, TERMINAL)
     recipe.check(recipe.source(raw, config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
@@ -78,6 +79,7 @@ def run_config(config: DictConfig) -> dict[str, Any] | None:
     """What Hydra calls for every run: a single one ends the process, a cell of a sweep returns its outcome."""
     quiet_libraries()
     from sextant.cli.show import show_result
+    from sextant.cli.terminal import TERMINAL
     from sextant.cli.workers import end_with_controller
     from sextant.lifecycle.execute import execute, execute_cell
     from sextant.runs.directory import RunDirectory
@@ -85,9 +87,9 @@ def run_config(config: DictConfig) -> dict[str, Any] | None:
     raw = to_plain(config)
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         end_with_controller()
-        return execute_cell(raw)
+        return execute_cell(raw, TERMINAL)
     with reporting_mistakes():
-        outcome = execute(raw)
+        outcome = execute(raw, reporter=TERMINAL)
         show_result(RunDirectory(outcome.directory), task=raw["task"]["name"], reused=outcome.reused)
     return None
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import yaml
 
 from sextant.atomic_files import write_atomically, write_json
-from sextant.cli.console import console
 from sextant.config import Config, digest, validate
 from sextant.config.schema.classification.corruptions import StoredSuite
 from sextant.errors import LossNotFiniteError, UserError
+from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.recipes import Source, recipe_of
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
@@ -84,27 +84,28 @@ def identity_of(config: Config) -> dict[str, Any]:
     return typed
 
 
-def execute(raw: Mapping[str, Any], *, wait: bool = False) -> Outcome:
+def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter = SILENT_RUN) -> Outcome:
     """Run what a plain, resolved config describes, unless it is finished already.
 
     Args:
         raw: the config.
         wait: wait for another process that runs the same, rather than give up.
+        reporter: listens to the run.
 
     Raises:
         UserError: a mistake in the config or the data; the run directory keeps what was reached before.
         KeyboardInterrupt: the run was interrupted and can be resumed.
     """
     config = validate(raw)
-    source = recipe_of(config.task.name).source(raw, config)
+    source = recipe_of(config.task.name, reporter).source(raw, config)
     key = run_key(config, source)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         from sextant.lifecycle.training import train_and_test
 
-        return train_and_test(raw, config, source, directory, key, open_mirror())
+        return train_and_test(raw, config, source, directory, key, open_mirror(), reporter)
 
-    return run_once(key, raw, config, work, wait=wait)
+    return run_once(key, raw, config, work, wait=wait, reporter=reporter)
 
 
 def run_once(
@@ -115,6 +116,7 @@ def run_once(
     *,
     wait: bool = False,
     published: Mapping[str, Any] | None = None,
+    reporter: RunReporter = SILENT_RUN,
 ) -> Outcome:
     """Return the finished run ``key`` if there is one, else do its ``work`` in its directory, under its lock.
 
@@ -128,23 +130,21 @@ def run_once(
         if found.finished and results is not None:
             message = str(results.get("message", ""))
             return Outcome(results["outcome"], found.directory.path, reused=True, message=message)
-        return _Run(found, key, raw, config).run(work, published)
+        return _Run(found, key, raw, config, reporter).run(work, published)
 
 
 class _Run:
     """One run, from the claim of its directory to its outcome."""
 
-    def __init__(self, found: Claim, key: RunKey, raw: Mapping[str, Any], config: Config):
+    def __init__(self, found: Claim, key: RunKey, raw: Mapping[str, Any], config: Config, reporter: RunReporter):
         self.directory: RunDirectory = found.directory
         self.passed_over = found.passed_over
-        self.key, self.raw, self.config = key, raw, config
+        self.key, self.raw, self.config, self.reporter = key, raw, config, reporter
         self.mirror: MirroredRun | None = None
 
     def run(self, work: Work, published: Mapping[str, Any] | None = None) -> Outcome:
-        from sextant.cli.show import show_start
-
         self._begin()
-        show_start(self.raw, self.config, self.directory, self.passed_over, published)
+        self.reporter.begin(self.raw, self.config, self.directory, self.passed_over, published)
         with self._recorded():
             results = work(self.directory, self._open_mirror)
         return Outcome(results["outcome"], self.directory.path)
@@ -184,7 +184,10 @@ class _Run:
         with telling_store_errors(tracking.uri):
             store = open_store(tracking.kind, tracking.uri, Path(self.config.paths.outputs))
             self.mirror = open_mirror(
-                store, self.directory, experiment=self._experiment, parent=tracking.parent_run, console=console
+                store,
+                self.directory,
+                experiment=self._experiment,
+                parent=tracking.parent_run,
             )
         return self.mirror
 
@@ -218,17 +221,17 @@ class _Run:
         try:
             self.directory.update_state({"ended": time.time(), "failure": failure})
         except OSError as error:  # a full disk must not hide what ended the run
-            console.print(f"[yellow]could not note the end of the run: {error}[/]")
+            self.reporter.say(f"could not note the end of the run: {error}")
         if self.mirror is not None:
             from sextant.tracking.mirror import finish_mirror
 
             finish_mirror(self.mirror, self.directory, status, checkpoint=self.config.tracking.log_checkpoint)
 
 
-def execute_cell(raw: Mapping[str, Any]) -> dict[str, Any]:
+def execute_cell(raw: Mapping[str, Any], reporter: RunReporter = SILENT_RUN) -> dict[str, Any]:
     """Run one cell of a sweep: like :func:`execute`, but an error becomes an outcome and the sweep goes on."""
     try:
-        outcome = execute(raw, wait=True)
+        outcome = execute(raw, wait=True, reporter=reporter)
     except KeyboardInterrupt:
         raise
     except Exception as error:

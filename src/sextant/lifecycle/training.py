@@ -11,13 +11,13 @@ import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 
 from sextant.atomic_files import write_atomically, write_json
-from sextant.cli.progress import TrainingProgress
 from sextant.config import Config
 from sextant.config.building import naming_groups
 from sextant.errors import UserError
 from sextant.figures.style import save_figure
 from sextant.lifecycle.published_figures import same_images
-from sextant.recipes import Source, recipe_of
+from sextant.lifecycle.run_reporter import RunReporter
+from sextant.recipes import Recipe, Source, recipe_of
 from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
@@ -37,6 +37,7 @@ def train_and_test(
     directory: RunDirectory,
     key: RunKey,
     mirror: MirroredRun | None,
+    reporter: RunReporter,
 ) -> dict[str, Any]:
     """Train from the last checkpoint or from scratch, test, and write results; ``metrics.json`` is written last.
 
@@ -48,7 +49,7 @@ def train_and_test(
     require_device(config)
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
-    recipe = recipe_of(config.task.name)
+    recipe = recipe_of(config.task.name, reporter)
     data = recipe.data(raw, config, source)
     spec = recipe.spec(raw, config, source, data)
     module = recipe.module(raw, spec, training=True)
@@ -61,7 +62,7 @@ def train_and_test(
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
     callbacks.append(_every_epoch(directory))
     if config.trainer.progress:
-        callbacks.append(TrainingProgress())
+        callbacks += reporter.training()
     trainer = _trainer(config, directory, logger, callbacks)
 
     monitor = mirror if config.tracking.system_metrics else None
@@ -71,7 +72,7 @@ def train_and_test(
         if trainer.interrupted:
             raise KeyboardInterrupt
         fitted = time.monotonic()
-        results = _test(trainer, module, data, config, directory)
+        results = _test(trainer, module, data, config, directory, recipe)
     return _write_results(results, directory, key, fit_s=fitted - began, test_s=time.monotonic() - fitted)
 
 
@@ -83,6 +84,7 @@ def test_checkpoint(
     checkpoint: Path,
     directory: RunDirectory,
     key: RunKey,
+    reporter: RunReporter,
 ) -> dict[str, Any]:
     """Test the model in a checkpoint under the conditions of ``raw``, and write results as a training run does."""
     began = time.monotonic()
@@ -90,14 +92,15 @@ def test_checkpoint(
     torch.set_num_threads(config.trainer.threads)
     require_device(config)
     module = model_from_checkpoint(raw, config, content, checkpoint)
-    data = recipe_of(config.task.name).data(raw, config, source)
+    recipe = recipe_of(config.task.name, reporter)
+    data = recipe.data(raw, config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
     with naming_groups(raw):
         metrics = dict(trainer.test(module, data, verbose=False)[0])
         results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
         if (published := content[KEY].get("published")) is not None:
             results["published"] = {**published, "same_images": same_images(raw, config)}
-        results = _with_record(results, module, data, config, directory)
+        results = _with_record(results, module, data, config, directory, recipe)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 
 
@@ -154,7 +157,12 @@ def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckp
 
 
 def _test(
-    trainer: pl.Trainer, module: Any, data: pl.LightningDataModule, config: Config, directory: RunDirectory
+    trainer: pl.Trainer,
+    module: Any,
+    data: pl.LightningDataModule,
+    config: Config,
+    directory: RunDirectory,
+    recipe: Recipe,
 ) -> dict[str, Any]:
     """Validate and test the chosen weights, and write arrays and figures."""
     epochs, steps = trainer.current_epoch, trainer.global_step
@@ -168,14 +176,19 @@ def _test(
         "epochs": epochs,
         "steps": steps,
     }
-    return _with_record(results, module, data, config, directory)
+    return _with_record(results, module, data, config, directory, recipe)
 
 
 def _with_record(
-    results: dict[str, Any], module: Any, data: pl.LightningDataModule, config: Config, directory: RunDirectory
+    results: dict[str, Any],
+    module: Any,
+    data: pl.LightningDataModule,
+    config: Config,
+    directory: RunDirectory,
+    recipe: Recipe,
 ) -> dict[str, Any]:
     """Write results by image and figures of the last test; ``results`` with what else it found."""
-    record = recipe_of(config.task.name).record(module, data, config)
+    record = recipe.record(module, data, config)
     write_atomically(directory.arrays, lambda file: np.savez_compressed(file, **record.arrays))  # type: ignore[arg-type]
     for name, figure in record.figures:
         save_figure(figure, directory.figures, name)

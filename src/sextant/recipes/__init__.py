@@ -4,6 +4,7 @@ from importlib import import_module
 
 from sextant.errors import UserError
 from sextant.recipes.recipe import Recipe, Source
+from sextant.reporter import SILENT, Reporter
 
 #: task.name -> import path of its recipe
 RECIPES = {
@@ -15,8 +16,8 @@ RECIPES = {
 }
 
 
-def recipe_of(task: str) -> Recipe:
-    """The recipe of ``task.name``.
+def recipe_of(task: str, reporter: Reporter = SILENT) -> Recipe:
+    """The recipe of ``task.name``, whose long work ``reporter`` listens to.
 
     Raises:
         UserError: there is no such task.
@@ -24,7 +25,7 @@ def recipe_of(task: str) -> Recipe:
     if task not in RECIPES:
         raise UserError(f"task={task}: no such task", f"Choose one of {', '.join(RECIPES)}.")
     module, _, name = RECIPES[task].rpartition(".")
-    recipe: Recipe = getattr(import_module(module), name)()
+    recipe: Recipe = getattr(import_module(module), name)(reporter)
     return recipe
 
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import CalibrationTask
@@ -34,7 +33,7 @@ class CalibrationRecipe(Recipe):
 
         source = as_panorama_source(build_dataset(raw, config))
         for world in rendered_sources(source):
-            world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+            world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
         return source
 
     def check(self, source: Source) -> None:
@@ -134,7 +133,7 @@ class CalibrationRecipe(Recipe):
 
         assert isinstance(config.task, CalibrationTask)
         assert module.result is not None
-        with work_progress("looking at lines", "crops") as progress:
+        with self.reporter.progress("looking at lines", "crops") as progress:
             report = compare(module, data, geometric=config.task.geometric_baselines, progress=progress)
         return TestRecord(
             arrays(module, report),

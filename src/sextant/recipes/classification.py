@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.console import console
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import ClassificationTask
@@ -95,7 +94,7 @@ class ClassificationRecipe(Recipe):
                 f"{len(trained.classes)}"
             )
         if found.classes != trained.classes:
-            console.print(f"[yellow]the classes of dataset={source.name} have other names than those of training[/]")
+            self.reporter.say(f"the classes of dataset={source.name} have other names than those of training")
 
     def record(self, module: "Classification", data: "ImageData", config: Config) -> TestRecord:
         """Predictions by condition, the figures of the test, what the network costs and what it was tested under."""

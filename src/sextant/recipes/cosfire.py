@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import CosfireTask
@@ -51,7 +50,7 @@ class CosfireRecipe(Recipe):
                 "task=cosfire needs; of places it needs task.scenes",
                 "Choose digits, mnist, fashion_mnist, cifar10 or image_folder, or experiment=cosfire_places.",
             )
-        return scenes_of(source, scenes)
+        return scenes_of(source, scenes, self.reporter)
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files of the training or the test split are missing."""
@@ -146,7 +145,7 @@ class CosfireRecipe(Recipe):
             features=features,
             describe=describing(raw),
             seed=raw["seed"],
-            show=partial(work_progress, unit="images"),
+            show=partial(self.reporter.progress, unit="images"),
             **(build_training(raw, training) if network is not None else {}),
         )
 

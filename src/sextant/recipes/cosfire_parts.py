@@ -5,12 +5,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.work_progress import work_progress
 from sextant.config.building import build, part_name
 from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank
 from sextant.config.schema.tasks import SceneChoice
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
+from sextant.reporter import Reporter
 from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
@@ -88,14 +88,14 @@ def features_of_run(
     return FeatureMap(network.eval(), shape[0], shape[1:], layer=layer)
 
 
-def scenes_of(dataset: Any, chosen: SceneChoice) -> ImageSource:
+def scenes_of(dataset: Any, chosen: SceneChoice, reporter: Reporter) -> ImageSource:
     """Places of a dataset as classes; rendered with progress if need be."""
     from sextant.data.places import PlaceTolerance, Scenes, as_place_source, rendered_place_source
 
     source = as_place_source(dataset)
     world = rendered_place_source(source)
     if world is not None:
-        world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+        world.showing = partial(reporter.progress, f"rendering {world.name}, once", "images")
     return Scenes(
         source,
         references=chosen.references,

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import LocalizationTask
@@ -44,7 +43,7 @@ class LocalizationRecipe(Recipe):
         settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)
         source = as_localization_source(build_dataset(raw, config), settings)
         if hasattr(source, "showing"):
-            source.showing = partial(work_progress, f"rendering {source.name}, once", "images")
+            source.showing = partial(self.reporter.progress, f"rendering {source.name}, once", "images")
         return source
 
     def check(self, source: Source) -> None:
@@ -76,7 +75,7 @@ class LocalizationRecipe(Recipe):
             fixed=task.objective == "joint",
             seed=config.seed,
             merge_duplicates=task.merge_duplicates,
-            show=lambda what: work_progress(what, "images"),
+            show=lambda what: self.reporter.progress(what, "images"),
         )
 
     def spec(
@@ -153,7 +152,7 @@ class LocalizationRecipe(Recipe):
         raw = config.model_dump(by_alias=True)
         faults = _faults(raw)
         settings = test_settings(raw, config, data)
-        with work_progress("localizing", "trials") as progress:
+        with self.reporter.progress("localizing", "trials") as progress:
             outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress))
         trials = [outcome.trial for outcome in outcomes]
         found = {report.name_of(o.trial, trials): report.judge(o, data.drives) for o in outcomes}

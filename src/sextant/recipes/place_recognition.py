@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import PlaceRecognitionTask
@@ -14,6 +13,7 @@ from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset, build_training
 from sextant.recipes.off_the_shelf import off_the_shelf, weights_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
+from sextant.reporter import Reporter
 
 if TYPE_CHECKING:
     from sextant.baselines.network_layer import NetworkLayer
@@ -43,7 +43,7 @@ class PlaceRecognitionRecipe(Recipe):
         source = as_place_source(build_dataset(raw, config))
         world = rendered_place_source(source)
         if world is not None:
-            world.showing = partial(work_progress, f"rendering {world.name}, once", "images")
+            world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
         task = _task(config)
         if task.off_the_shelf is not None:
             weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # a file that is missing is told at once
@@ -158,7 +158,7 @@ class PlaceRecognitionRecipe(Recipe):
         assert module.result is not None
         task, result = _task(config), module.result
         if has_factors(result.places.conditions):
-            return _factors_record(config, module, data)
+            return _factors_record(config, module, data, self.reporter)
         network, own = module.network.eval(), result.descriptors
         data.setup("validate")
         train = _training_split(data)
@@ -167,7 +167,7 @@ class PlaceRecognitionRecipe(Recipe):
             shelf, shelf_left_out = learnt(_shelf(config, module), train, result.places.conditions[0])
             untrained = {"untrained network": _untrained(config, module, result.places)}
             described = describe_all(shelf, result.places) | untrained | described
-        with work_progress("comparing descriptors", "conditions") as progress:
+        with self.reporter.progress("comparing descriptors", "conditions") as progress:
             found = report.compare(
                 described,
                 result.places,
@@ -219,7 +219,7 @@ def _can_train_on(source: Source) -> None:
         )
 
 
-def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData") -> TestRecord:
+def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData", reporter: Reporter) -> TestRecord:
     """Recall of the network and of descriptors that learn from no pair, against one factor of appearance at a time."""
     from sextant.tasks.places import invariance as curves
     from sextant.tasks.places import report
@@ -233,7 +233,7 @@ def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData
         methods, left_out = fitted(training_free(*BASELINE_SIZE) | _shelf(config, module), train, places.conditions[0])
         untrained = {"untrained network": _untrained(config, module, places)}
         described = describe_all(methods, places) | untrained | described
-    with work_progress("comparing descriptors", "conditions") as progress:
+    with reporter.progress("comparing descriptors", "conditions") as progress:
         found = report.compare(
             described,
             places,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from sextant.config import Config
+from sextant.reporter import SILENT, Reporter
 
 if TYPE_CHECKING:
     import pytorch_lightning as pl
@@ -55,13 +56,17 @@ class Recipe(ABC):
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
         sweep_example: arguments of ``train.py -m`` that a user may want next.
         prediction_example: arguments of ``predict.py`` that say what to predict.
-        test_settings: keys of ``task`` that say how is tested, and may change after training.
+        test_settings: keys of ``task`` that control testing, and may change after training.
+        reporter: listens to long work.
     """
 
     evaluation_example: ClassVar[str]
     sweep_example: ClassVar[str]
     prediction_example: ClassVar[str] = "input=<folder>"
     test_settings: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, reporter: Reporter = SILENT):
+        self.reporter = reporter
 
     @abstractmethod
     def source(self, raw: Mapping[str, Any], config: Config) -> Source:
