@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sextant.applications.calibration.options import CalibrationOptions
 from sextant.atomic_files import write_csv, write_json
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
@@ -21,7 +22,7 @@ from sextant.cli.localizing.options import localization_map
 from sextant.cli.localizing.options import options_from as localizing_options
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
-from sextant.cli.photo_calibration.options import CalibrationOptions, options_from
+from sextant.cli.photo_calibration.options import options_from
 from sextant.cli.place_matching.options import INPUTS as PLACE_INPUTS
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
 from sextant.data.image_folder import decode_square

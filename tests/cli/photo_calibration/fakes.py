@@ -3,7 +3,7 @@
 import torch
 from PIL import Image
 
-from sextant.cli.photo_calibration.options import CalibrationOptions
+from sextant.applications.calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.predict import predict_calibrations
 from sextant.geometry import CameraParameters, PerspectiveCamera
 from sextant.tasks.calibration.module import CalibrationPrediction

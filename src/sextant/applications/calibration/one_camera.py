@@ -8,8 +8,8 @@ import numpy as np
 
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate
+from sextant.applications.calibration.options import CalibrationOptions
 from sextant.applications.calibration.priors import disagreement, focal_prior
-from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.errors import UserError
 from sextant.evaluation.calibration.fusion import Fusion, Prior, fuse, with_prior
 

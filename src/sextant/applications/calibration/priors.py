@@ -7,7 +7,7 @@ import numpy as np
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate
 from sextant.applications.calibration.intervals import focal_interval
-from sextant.cli.photo_calibration.options import CalibrationOptions
+from sextant.applications.calibration.options import CalibrationOptions
 from sextant.evaluation.calibration.fusion import Prior, fuse, with_prior
 
 #: standard deviation of the log of a focal length. EXIF: whole millimetres (2 % at 26 mm), makers that compare widths

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from torch import nn
 
-from sextant.cli.cosfire_detection.options import PHOTO, DetectionOptions
+from sextant.applications.detection.options import PHOTO, DetectionOptions
 from sextant.layers.cosfire import (
     Blur,
     ConcentricCircles,

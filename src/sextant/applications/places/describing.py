@@ -14,7 +14,7 @@ from jaxtyping import Float32, Int64, UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.cli.place_matching.inputs import PhotoFolder
+from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.data.photos.exif import exif_orientation
 from sextant.data.places.decoded_images import ImageSize
 from sextant.data.places.image_files import UnreadableImageError, decode_image

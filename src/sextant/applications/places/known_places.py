@@ -11,8 +11,8 @@ from jaxtyping import Int64
 from numpy import ndarray
 
 from sextant.applications.places.describing import DescribedPhotos
-from sextant.cli.place_matching.inputs import PhotoFolder
-from sextant.cli.place_matching.options import PlaceOptions
+from sextant.applications.places.options import PlaceOptions
+from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
 from sextant.data.places.image_files import natural_key
 from sextant.data.places.pose_files import Pose, table_poses, utm_poses

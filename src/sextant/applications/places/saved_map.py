@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from sextant.applications.places.describing import DescribedPhotos
+from sextant.applications.places.photo_folder import HEADER, PhotoFolder
 from sextant.atomic_files import read_json, seal_holds, write_sealed_json
-from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.place_matching.inputs import HEADER, PhotoFolder
 from sextant.data.places.decoded_images import DECODER
 from sextant.data.source import file_sha256
 from sextant.errors import UserError
@@ -24,22 +23,21 @@ def save_map(described: DescribedPhotos, model: str, folder: Path) -> None:
     """Write descriptors with the names of their photos; what was there is replaced.
 
     Raises:
-        UserError: the disk is full, or the folder cannot be written to.
+        OSError: the disk is full, or the folder cannot be written to.
     """
-    with telling_write_errors(folder):
-        described.index.save(folder)
-        header = {
-            "format": FORMAT,
-            "version": VERSION,
-            "model": model,
-            "decoder": DECODER,
-            "folder": str(described.photos.folder.absolute()),
-            "photos": list(described.photos.names),
-            "failed": dict(described.failed),
-            "stretched": list(described.stretched),
-            "index_sha256": file_sha256(folder / flat_index.HEADER),
-        }
-        write_sealed_json(folder / HEADER, header)
+    described.index.save(folder)
+    header = {
+        "format": FORMAT,
+        "version": VERSION,
+        "model": model,
+        "decoder": DECODER,
+        "folder": str(described.photos.folder.absolute()),
+        "photos": list(described.photos.names),
+        "failed": dict(described.failed),
+        "stretched": list(described.stretched),
+        "index_sha256": file_sha256(folder / flat_index.HEADER),
+    }
+    write_sealed_json(folder / HEADER, header)
 
 
 def load_map(folder: Path, model: str) -> DescribedPhotos:

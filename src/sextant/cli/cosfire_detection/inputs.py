@@ -6,7 +6,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from sextant.cli.cosfire_detection.options import DetectionOptions, options_from
+from sextant.applications.detection.options import DetectionOptions
+from sextant.cli.cosfire_detection.options import options_from
 from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 

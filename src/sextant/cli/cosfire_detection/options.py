@@ -2,13 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+from sextant.applications.detection.options import PHOTO, PRESET_NAMES, DetectionOptions
 from sextant.errors import UserError
 
-#: of ours for photos, then those of :data:`sextant.layers.cosfire.PRESETS` that detect (those of vessels delineate)
-PHOTO = "photo"
-PRESET_NAMES = (PHOTO, "bifurcation", "symbol", "digit", "traffic_sign")
 KEYS = {
     "prototype": "the image that a filter is configured from",
     "point": "x,y in pixels of the upright prototype: what is there is looked for; its middle unless given",
@@ -24,22 +21,6 @@ KEYS = {
     "longest": "pixels of the longest side that larger images, the prototype too, are shrunk to; 800 unless given",
 }
 MOST_ROTATIONS, SMALLEST_LONGEST = 360, 16
-
-
-@dataclass(frozen=True)
-class DetectionOptions:
-    """What the user chose; see :data:`KEYS`. None leaves a choice to the filter."""
-
-    point: tuple[float, float] | None = None
-    preset: str | None = None
-    layer: str | None = None
-    rotations: int | None = None
-    scales: tuple[float, ...] | None = None
-    reflection: bool | None = None
-    threshold: float | None = None
-    min_distance: float | None = None
-    max_detections: int = 100
-    longest: int = 800
 
 
 def options_from(given: Mapping[str, str]) -> DetectionOptions:

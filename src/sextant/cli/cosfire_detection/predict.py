@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from sextant.applications.detection.detector import Detector
 from sextant.applications.detection.filters import NETWORK_THRESHOLD, THRESHOLD, network_filter, preset_filter
 from sextant.applications.detection.images import UprightImage, read_image
+from sextant.applications.detection.options import PHOTO
 from sextant.cli.cosfire_detection.inputs import DetectionInputs, check_point
-from sextant.cli.cosfire_detection.options import PHOTO
 from sextant.cli.cosfire_detection.telling import tell
 from sextant.cli.cosfire_detection.written_files import write_detections
 from sextant.cli.output_folder import telling_write_errors

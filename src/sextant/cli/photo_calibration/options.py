@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
+from sextant.applications.calibration.options import CalibrationOptions, Cameras, Undistort
 from sextant.errors import UserError
 
 KEYS = {
@@ -12,17 +12,6 @@ KEYS = {
     "camera": "each (default), or one: all photos are of one camera and lens setting, and are fused",
     "focal_prior": "none (default), exif, or a focal length in pixels of the photo",
 }
-Undistort = Literal["crop", "all", "none"]
-Cameras = Literal["each", "one"]
-
-
-@dataclass(frozen=True)
-class CalibrationOptions:
-    """What the user chose; see :data:`KEYS`."""
-
-    undistort: Undistort = "crop"
-    camera: Cameras = "each"
-    focal_prior: Literal["none", "exif"] | float = "none"
 
 
 def options_from(given: Mapping[str, str]) -> CalibrationOptions:

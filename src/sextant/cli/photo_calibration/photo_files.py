@@ -12,12 +12,12 @@ from PIL import Image
 
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.model import CalibrationModel
+from sextant.applications.calibration.options import CalibrationOptions
 from sextant.applications.calibration.rows import camera_row
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.drawing import calibrated_photo
 from sextant.cli.photo_calibration.file_names import file_stems
-from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.data.photos import Keep, read_photo, undistort_photo
 from sextant.figures.calibration.overlay import LONGEST_SIDE, CalibratedPhoto, calibration_overlay
 from sextant.figures.style import save_figure

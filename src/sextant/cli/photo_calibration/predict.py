@@ -7,10 +7,10 @@ from typing import Any
 from sextant.applications.calibration.inference import find_cameras
 from sextant.applications.calibration.model import CalibrationModel
 from sextant.applications.calibration.one_camera import fuse_as_one_camera
+from sextant.applications.calibration.options import CalibrationOptions
 from sextant.applications.calibration.priors import use_prior
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.collected_files import write_collected
-from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.photo_files import write_photos
 from sextant.cli.photo_calibration.telling import tell
 from sextant.errors import UserError

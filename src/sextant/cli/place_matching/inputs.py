@@ -4,33 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.cli.place_matching.options import PlaceOptions, options_from
+from sextant.applications.places.options import PlaceOptions
+from sextant.applications.places.photo_folder import HEADER, PhotoFolder
+from sextant.cli.place_matching.options import options_from
 from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
-
-#: what a folder of descriptors has; see :mod:`~sextant.applications.places.saved_map`
-HEADER = "map.json"
-
-
-@dataclass(frozen=True)
-class PhotoFolder:
-    """Photos of a folder.
-
-    Attributes:
-        folder: that the names are relative to.
-        names: of the files in natural order: ``image2`` before ``image10``.
-    """
-
-    folder: Path
-    names: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    @property
-    def paths(self) -> list[Path]:
-        """The files."""
-        return [self.folder / name for name in self.names]
 
 
 @dataclass(frozen=True)

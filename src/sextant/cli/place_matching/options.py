@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
+from sextant.applications.places.options import KnownBy, PlaceOptions
 from sextant.errors import UserError
 
 INPUTS = {
@@ -19,18 +19,6 @@ KEYS = {
     "the run's test, and 0 files for places=none",
     "descriptors": "true: keep the descriptors, so that the map can be used again",
 }
-KnownBy = Literal["none", "csv", "utm", "name", "order"]
-
-
-@dataclass(frozen=True)
-class PlaceOptions:
-    """What the user chose; see :data:`KEYS`."""
-
-    matches: int = 5
-    sequence: int | None = None
-    places: KnownBy = "none"
-    tolerance: float | None = None
-    descriptors: bool = False
 
 
 def options_from(given: Mapping[str, str]) -> PlaceOptions:

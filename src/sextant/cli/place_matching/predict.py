@@ -12,13 +12,15 @@ from sextant.applications.places.describing import (
 )
 from sextant.applications.places.known_places import KnownPlaces, check_truth, known_places
 from sextant.applications.places.matching import check_rides, match
+from sextant.applications.places.options import PlaceOptions
+from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.applications.places.rows import counts, query_rows
 from sextant.applications.places.run_facts import Temperature
 from sextant.applications.places.saved_map import load_map, save_map
+from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.place_matching import telling
 from sextant.cli.place_matching.gallery_pages import write_gallery
-from sextant.cli.place_matching.inputs import PhotoFolder, PlaceInputs, refuse_overlap
-from sextant.cli.place_matching.options import PlaceOptions
+from sextant.cli.place_matching.inputs import PlaceInputs, refuse_overlap
 from sextant.cli.place_matching.written_files import write_matches
 from sextant.cli.work_progress import work_progress
 
@@ -48,7 +50,8 @@ def predict_places(
     with work_progress("describing queries", "photos") as progress:
         queries = describe_photos(network, inputs.queries, "queries", progress)
     if options.descriptors:
-        save_map(queries, network.model, output / "queries")
+        with telling_write_errors(output / "queries"):
+            save_map(queries, network.model, output / "queries")
     places = known_places(reference, queries, options, test_tolerance)
     k = min(options.matches, len(reference.index))
     with work_progress("looking up", "queries") as progress:
@@ -95,7 +98,8 @@ def _map(network: PlaceDescriber, inputs: PlaceInputs) -> DescribedPhotos:
     with work_progress("describing the map", "photos") as progress:
         reference = describe_photos(network, inputs.reference, "map", progress)
     if inputs.options.descriptors:
-        save_map(reference, network.model, inputs.output / "map")
+        with telling_write_errors(inputs.output / "map"):
+            save_map(reference, network.model, inputs.output / "map")
     return reference
 
 

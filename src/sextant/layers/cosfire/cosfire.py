@@ -32,6 +32,7 @@ from sextant.layers.cosfire.mean import Mean, safe_log
 from sextant.layers.cosfire.moved_image import moved_image
 from sextant.layers.cosfire.plan import Plan
 from sextant.layers.cosfire.responses import bilinear_responses, log_responses, whole_responses
+from sextant.layers.cosfire.saved_filters import load_filters, save_filters
 from sextant.layers.cosfire.strategy import Strategy
 from sextant.layers.cosfire.tolerance import Move, Tolerance
 from sextant.layers.cosfire.tuples import Tuples, part_weights
@@ -219,8 +220,6 @@ class Cosfire(FilterParts):
             UserError: the strategy is one of the user's own, which a file cannot hold.
             OSError: the file cannot be written.
         """
-        from sextant.layers.cosfire.saved_filters import save_filters
-
         save_filters(self, path)
 
     @classmethod
@@ -234,9 +233,7 @@ class Cosfire(FilterParts):
         Raises:
             UserError: the file is missing, damaged or of something else, or was written for another bank.
         """
-        from sextant.layers.cosfire.saved_filters import load_filters
-
-        return load_filters(path, bank)
+        return load_filters(path, bank, cls)
 
     def _forms(self, image: Tensor, point: tuple[float, float]) -> "list[Tuples]":
         """The parts under each move."""

@@ -5,13 +5,13 @@ Nothing is unpickled, and nothing but the classes named here is built. Weights o
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, TypeVar
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from sextant.atomic_files import write_atomically
 from sextant.errors import UserError
@@ -22,19 +22,30 @@ from sextant.layers.cosfire.concentric_circles import ConcentricCircles
 from sextant.layers.cosfire.difference_of_gaussians import DoGBank
 from sextant.layers.cosfire.filter_parts import ARRAYS
 from sextant.layers.cosfire.gabor import GaborBank
+from sextant.layers.cosfire.strategy import Strategy
 from sextant.layers.cosfire.tolerance import Tolerance
 from sextant.layers.cosfire.vector_keypoints import VectorKeypoints
 
-if TYPE_CHECKING:
-    from sextant.layers.cosfire.cosfire import Cosfire
-
+F = TypeVar("F", bound=nn.Module)
 KEY, VERSION = "sextant.cosfire", 2
 DIGEST = "sextant.sha256"
 BANKS = {bank.__name__: bank for bank in (GaborBank, DoGBank)}
 STRATEGIES = {strategy.__name__: strategy for strategy in (ChannelPeaks, ConcentricCircles, VectorKeypoints)}
 
 
-def save_filters(filters: "Cosfire", path: Path) -> None:
+class Saveable(Protocol):
+    """What is kept of a :class:`~sextant.layers.cosfire.cosfire.Cosfire`."""
+
+    bank: Bank
+    strategy: Strategy
+    blur: Blur
+    tolerance: Tolerance
+
+    def options(self) -> dict[str, Any]:
+        """The numbers among its arguments."""
+
+
+def save_filters(filters: Saveable, path: Path) -> None:
     """See :meth:`Cosfire.save`."""
     from safetensors.torch import save
 
@@ -59,8 +70,8 @@ def save_filters(filters: "Cosfire", path: Path) -> None:
     write_atomically(Path(path), lambda file: file.write(packed))
 
 
-def load_filters(path: Path, bank: Bank | None) -> "Cosfire":
-    """See :meth:`Cosfire.load`."""
+def load_filters(path: Path, bank: Bank | None, make: Callable[..., F]) -> F:
+    """See :meth:`Cosfire.load`; ``make`` is the class."""
     from safetensors import SafetensorError, safe_open
 
     try:
@@ -72,7 +83,7 @@ def load_filters(path: Path, bank: Bank | None) -> "Cosfire":
         if digest not in (None, _sha256(told, arrays)):  # files from before have none
             raise ValueError("it is damaged: its contents do not match the digest that was written with them")
         header = json.loads(told)
-        return _built(header, arrays, bank, path)
+        return _built(header, arrays, bank, path, make)
     except FileNotFoundError:
         raise UserError(f"there is no file {path}", "Give one that Cosfire.save wrote.") from None
     except (OSError, SafetensorError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
@@ -83,9 +94,9 @@ def load_filters(path: Path, bank: Bank | None) -> "Cosfire":
         ) from error
 
 
-def _built(header: dict[str, Any], arrays: dict[str, Tensor], bank: Bank | None, path: Path) -> "Cosfire":
-    from sextant.layers.cosfire.cosfire import Cosfire
-
+def _built(
+    header: dict[str, Any], arrays: dict[str, Tensor], bank: Bank | None, path: Path, make: Callable[..., F]
+) -> F:
     if header["version"] != VERSION:
         raise ValueError(f"version {header['version']} is not {VERSION}")
     name, options = header["bank"]["class"], header["bank"]["options"]
@@ -103,7 +114,7 @@ def _built(header: dict[str, Any], arrays: dict[str, Tensor], bank: Bank | None,
             "Give the bank that they were configured with.",
         )
     strategy = STRATEGIES[header["strategy"]["class"]](**_tuples(header["strategy"]["options"]))
-    filters = Cosfire(
+    filters = make(
         bank,
         strategy,
         blur=Blur(**header["blur"]),
