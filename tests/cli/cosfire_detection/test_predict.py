@@ -265,6 +265,7 @@ def test_a_run_of_another_task_is_refused(tmp_path, trained, monkeypatch):
         trained_features(str(trained), tmp_path, None, trust=False)
 
 
+@pytest.mark.slow
 def test_the_command_line_does_the_same(tmp_path, example):
     arguments = ["task=cosfire", f"prototype={example}", f"input={example}", f"output={tmp_path / 'out'}"]
     code = "import sys; from sextant.cli import run; run('predict', sys.argv[1:])"
