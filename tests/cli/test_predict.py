@@ -6,8 +6,9 @@ import pytest
 from PIL import Image
 from support import fill_disk
 
-from sextant.cli import predict
+from sextant.cli import predict, run
 from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
+from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import FoundRun
@@ -85,6 +86,49 @@ def test_classes_are_written(tmp_path, picture, classifier, capsys):
         f"file,class,probability,error\r\n{picture},cat,0.5,\r\n".encode()
     )
     assert "1 images classified" in capsys.readouterr().out
+
+
+@pytest.fixture
+def reader(classifier, monkeypatch):
+    """The same run, whose images are read."""
+
+    def classify(paths, *_):
+        return [{"file": str(p), "class": "cat", "probability": 0.5} | unreadable(p) for p in paths], []
+
+    def unreadable(path):
+        try:
+            decode_square(path, 16, 3)
+        except UserError as error:
+            return {"error": error.problem}
+        return {}
+
+    monkeypatch.setattr(predict, "_classify", classify)
+
+
+def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, reader, capsys):
+    photos, out = tmp_path / "photos", tmp_path / "out"
+    photos.mkdir()
+    (photos / "a.jpg").touch()
+    (photos / "b.png").write_bytes(b"nothing")
+    (photos / "c.png").symlink_to(photos / "gone.png")
+    with pytest.raises(SystemExit) as ended:
+        run("predict", ["run=x", f"input={photos}", f"output={out}"])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert f"input={photos}: none of 3 images could be read" in said
+    for name, why in (("a.jpg", "(0 bytes)"), ("b.png", "(7 bytes)"), ("c.png", "(no such file)")):
+        assert f"{photos / name}: cannot be read as an image {why}" in said
+    assert len(json.loads((out / "predictions.json").read_text())) == 3
+
+
+def test_images_that_were_skipped_are_in_a_table_with_reasons(tmp_path, picture, reader, capsys):
+    (tmp_path / "b.png").write_bytes(b"nothing")
+    predict.main(["run=x", f"input={tmp_path}", f"output={tmp_path / 'out'}"])
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "Skipped (1)" in said
+    assert "b.png" in said
+    assert "cannot be read as an image (7 bytes)" in said
+    assert "1 images classified, 1 could not be read" in said
 
 
 @pytest.mark.parametrize("name", ["predictions.json", "predictions.csv"])

@@ -89,7 +89,8 @@ def test_without_odometry_it_says_so_and_files_that_are_no_photos_are_blackouts(
     said = " ".join(capsys.readouterr().out.split())
     assert "no odometry= was given" in said
     assert "2 could not be used" in said
-    assert "0003.png: cannot be decoded" in said
+    assert "Skipped (2)" in said
+    assert "0003.png │ cannot be decoded" in said
     localizer = Localizer.load(office.folder)
     blind = [localizer.step(None, None if k in (3, 4) else image) for k, image in enumerate(office.images)]
     _, poses = read_tum(tmp_path / "out" / "trajectory.tum")
@@ -186,7 +187,7 @@ def test_photos_in_the_output_folder_do_not_come_back_as_input(office, photos):
         (["input={photos}", "start=here"], "start=here must be one of uniform, appearance"),
         (["input={photos}", "camera=one"], "camera= belongs to calibration"),
         (["input={photos}", "matches=3"], "matches= belongs to place_recognition"),
-        (["input={bad}"], "none of 1 images can be used. The first: a.png cannot be decoded"),
+        (["input={bad}"], "none of 1 images can be used\n  a.png: cannot be decoded"),
         (["input={video}"], "cannot be read as a video"),
         (["input={disorder}"], "images are out of order"),
     ],

@@ -110,13 +110,13 @@ def test_composes_validates_and_builds(group, option):
 def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
     choice = f"sweep={option}"
     design = read_design([choice, *NEEDED.get(choice, [])])
-    first = {key: values[0] for key, values in design.factors.items()}
-    settings = [first] + [first | {key: value} for key, values in design.factors.items() for value in values[1:]]
-    for number, setting in enumerate(settings):
-        for arm in design.arms if number == 0 else list(design.arms)[:1]:
-            config = cell_config(design, setting, arm)[2]
-            if isinstance(config.task, CosfireTask):
-                check_parts(config, config.task)
+    # every cell of a sweep is run, so any that together hold each arm and each value will do
+    arms = list(design.arms)
+    for number in range(max(len(arms), *map(len, design.factors.values()), 1)):
+        setting = {key: values[number % len(values)] for key, values in design.factors.items()}
+        config = cell_config(design, setting, arms[number % len(arms)])[2]
+        if isinstance(config.task, CosfireTask):
+            check_parts(config, config.task)
 
 
 @pytest.mark.parametrize(("group", "option"), CHOICES)
@@ -146,20 +146,37 @@ def test_a_sweep_brings_its_experiment():
     assert validate(raw).sweep.seeds == list(range(10))
 
 
-@pytest.mark.parametrize("parameterization", ["direct", "horizon", "undistorted_horizon"])
-@pytest.mark.parametrize("loss", [option for option in sorted(set(groups()["loss"]) - PLACE_LOSSES)])
-@pytest.mark.parametrize("sampling", [option for option in groups()["sampling"]])
-def test_every_parameterization_goes_with_every_loss_and_every_sampling(parameterization, loss, sampling):
-    choices = [f"parameterization={parameterization}", f"loss={loss}", f"sampling={sampling}"]
-    raw = to_plain(compose(["task=calibration", *choices]))
+PARAMETERIZATIONS = groups()["parameterization"]
+CAMERA_LOSSES = [option for option in groups()["loss"] if option not in PLACE_LOSSES]
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """What each option of a group composes to in a config of calibration, and one such config."""
+    options = {"parameterization": PARAMETERIZATIONS, "loss": CAMERA_LOSSES, "sampling": groups()["sampling"]}
+    found = {
+        (group, option): to_plain(compose(["task=calibration", f"{group}={option}"]))
+        for group, names in options.items()
+        for option in names
+    }
+    return {choice: raw[choice[0]] for choice, raw in found.items()}, next(iter(found.values()))
+
+
+@pytest.mark.parametrize("parameterization", PARAMETERIZATIONS)
+@pytest.mark.parametrize("loss", CAMERA_LOSSES)
+@pytest.mark.parametrize("sampling", groups()["sampling"])
+def test_every_parameterization_goes_with_every_loss_and_every_sampling(parts, parameterization, loss, sampling):
+    found, usual = parts
+    chosen = {"parameterization": parameterization, "loss": loss, "sampling": sampling}
+    raw = usual | {group: found[group, option] for group, option in chosen.items()}
     validate(raw)
     cameras = build(raw, "sampling").draw(64, 0).cameras
     space = ParameterSpace.covering(build(raw, "parameterization"), cameras)
     values = space.parameterization.encode(cameras)
     off = space.from_unit((space.to_unit(values) + 0.1).clamp(0, 1)).float()
-    found = build(raw, "loss", space=space)(off, values.float(), torch.full((64,), 4 / 3))
-    assert found.isfinite().all()
-    assert found.mean() > 0
+    error = build(raw, "loss", space=space)(off, values.float(), torch.full((64,), 4 / 3))
+    assert error.isfinite().all()
+    assert error.mean() > 0
 
 
 def test_groups_of_calibration_do_nothing_elsewhere():

@@ -34,6 +34,7 @@ NOISY = Appearance(read_noise=0.02, shot_noise=0.05)
 TESTS = Path(__file__).parents[1]
 
 
+@pytest.mark.slow
 def test_the_same_bytes_on_one_core_and_on_two_threads():
     code = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); from worlds.handmade import *; "
     environment = os.environ | {"PYTHONPATH": str(TESTS), "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}

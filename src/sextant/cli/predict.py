@@ -25,8 +25,10 @@ from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
 from sextant.cli.photo_calibration.options import options_from
 from sextant.cli.place_matching.options import INPUTS as PLACE_INPUTS
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
+from sextant.cli.skipped_files import skipped_table
 from sextant.data.image_folder import decode_square
 from sextant.data.photo_files import find_photos
+from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
 from sextant.runs.resolve import FoundRun, resolve_run
 from sextant.tracking.environment import quiet_libraries
@@ -111,9 +113,14 @@ def main(arguments: Sequence[str]) -> None:
     with telling_write_errors(output):
         _write(rows, output)
         _sheet(pictures, output)
-    failed = sum("error" in row for row in rows)
+    skipped = {row["file"]: row["error"] for row in rows if "error" in row}
+    if len(skipped) == len(rows):
+        raise nothing_usable(f"input={given['input']}: none of {len(rows):,} images could be read", skipped)
+    if skipped:
+        console.print(skipped_table(skipped))
     console.print(
-        f"{len(rows) - failed} images classified" + (f", [red]{failed} could not be read[/]" if failed else "")
+        f"{len(rows) - len(skipped)} images classified"
+        + (f", [red]{len(skipped)} could not be read[/]" if skipped else "")
     )
     console.print(f"{output}/predictions.csv\n{output}/predictions.json\n{output}/predictions.png")
 

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps
 
+from sextant.data.places.image_files import FORMATS, require_sides
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
+from sextant.data.upright import upright
 from sextant.errors import UserError
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm")
@@ -118,15 +120,20 @@ def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *
         UserError: it cannot be decoded; it is named.
     """
     try:
-        with Image.open(path) as image:
-            upright = ImageOps.exif_transpose(image)
-            if upright.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
-                upright = Image.fromarray((np.asarray(upright) >> 8).astype(np.uint8))
-            upright = upright.convert("RGB" if channels == 3 else "L")
-            return np.asarray(ImageOps.fit(upright, (size, size), Image.Resampling.BICUBIC))
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+        Image.init()  # until then Pillow knows the commonest formats alone
+        with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
+            require_sides(image)
+            picture = upright(image)
+            if picture.mode == "F":
+                raise ValueError("floating-point numbers, whose white is not known: convert it to 8 or 16 bits")
+            if picture.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
+                picture = Image.fromarray((np.asarray(picture).clip(0, 65535) >> 8).astype(np.uint8))
+            picture = picture.convert("RGB" if channels == 3 else "L")
+            return np.asarray(ImageOps.fit(picture, (size, size), Image.Resampling.BICUBIC))
+    except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
+        held = f"{path.stat().st_size:,} bytes" if path.is_file() else "no such file"
         raise UserError(
-            f"{path} cannot be read as an image ({path.stat().st_size:,} bytes): {error}",
+            f"{path} cannot be read as an image ({held}): {error or type(error).__name__}",
             "Replace the file or take it out of the folder.",
         ) from None
 

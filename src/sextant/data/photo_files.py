@@ -38,7 +38,7 @@ def find_photos(given: str, output: Path, key: str = "input") -> list[Path]:
         p
         for p in candidates
         if p.suffix.lower() in FOUND_IN_FOLDERS
-        and p.is_file()
+        and (p.is_file() or (p.is_symlink() and not p.exists()))  # a link to nothing is named by who reads it
         and not (any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
     if not found:

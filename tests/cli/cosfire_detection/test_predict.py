@@ -172,7 +172,7 @@ def test_a_prototype_without_structure_is_refused(tmp_path, example, point, says
 def test_if_no_image_can_be_used_the_command_fails_and_the_files_say_why(tmp_path, example):
     broken = tmp_path / "broken.png"
     broken.write_bytes(b"")
-    with pytest.raises(UserError, match=r"none of 1 images could be used.*0 bytes"):
+    with pytest.raises(UserError, match=r"(?s)none of 1 images could be used.*broken.png: is empty .0 bytes"):
         detect(example, broken, tmp_path / "out")
     assert "error" in json.loads((tmp_path / "out" / "detections.json").read_text())["images"][0]
     with pytest.raises(UserError, match="0 bytes"):
@@ -265,6 +265,7 @@ def test_a_run_of_another_task_is_refused(tmp_path, trained, monkeypatch):
         trained_features(str(trained), tmp_path, None, trust=False)
 
 
+@pytest.mark.slow
 def test_the_command_line_does_the_same(tmp_path, example):
     arguments = ["task=cosfire", f"prototype={example}", f"input={example}", f"output={tmp_path / 'out'}"]
     code = "import sys; from sextant.cli import run; run('predict', sys.argv[1:])"

@@ -7,12 +7,13 @@ import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 from numpy import ndarray
-from PIL import Image, ImageOps
+from PIL import Image
 from torch import Tensor
 
 from sextant.data.photos import read_photo
 from sextant.data.photos.pixels import rgb_bytes
-from sextant.data.photos.reading import SMALLEST_SIDE
+from sextant.data.photos.reading import FORMATS, SMALLEST_SIDE
+from sextant.data.upright import upright
 from sextant.errors import UserError
 
 
@@ -69,9 +70,9 @@ def read_image(path: Path, longest: int) -> UprightImage:
 def _small(path: Path) -> UInt8[ndarray, "h w 3"] | None:
     """An image too small for a photo, but not for a filter; None if it is none or cannot be read."""
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
             if min(image.size) >= SMALLEST_SIDE:
                 return None
-            return np.asarray(rgb_bytes(ImageOps.exif_transpose(image), 1))
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # read_photo told what is wrong
+            return np.asarray(rgb_bytes(upright(image), 1))
+    except Exception:  # the decoders raise almost anything, and read_photo told what is wrong
         return None

@@ -4,7 +4,6 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -15,10 +14,10 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.applications.places.photo_folder import PhotoFolder
-from sextant.data.photos.exif import exif_orientation
+from sextant.data import upright
 from sextant.data.places.decoded_images import ImageSize
 from sextant.data.places.image_files import UnreadableImageError, decode_image
-from sextant.errors import UserError
+from sextant.data.unusable_files import nothing_usable
 from sextant.retrieval.flat_index import FlatIndex
 
 BATCH = 64
@@ -98,10 +97,7 @@ def describe_photos(network: PlaceDescriber, photos: PhotoFolder, key: str, prog
         done = min(done + BATCH, len(photos))
         progress(done, len(photos))
     if len(failed) == len(photos):
-        name = photos.names[0]
-        raise UserError(
-            f"{key}={photos.folder}: none of {len(photos):,} photos can be used. The first: {name} {failed[name]}"
-        )
+        raise nothing_usable(f"{key}={photos.folder}: none of {len(photos):,} photos can be used", failed)
     kept = [name for name in photos.names if name not in failed]
     return DescribedPhotos(photos, FlatIndex(np.concatenate(parts), names=kept), failed, tuple(stretched))
 
@@ -141,8 +137,4 @@ def _decoded(
 def upright_size(path: Path) -> tuple[int, int]:
     """Width and height of an image file that can be decoded, upright; from its header alone."""
     with Image.open(path) as image:
-        width, height = image.size
-        turned = False
-        with suppress(Exception):  # metadata that cannot be read turns nothing
-            turned = image.format != "TIFF" and exif_orientation(image) >= 5  # Pillow's TIFF is upright already
-    return (height, width) if turned else (width, height)
+        return upright.upright_size(image)

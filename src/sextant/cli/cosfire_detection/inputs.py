@@ -9,9 +9,8 @@ from PIL import Image
 from sextant.applications.detection.options import DetectionOptions
 from sextant.cli.cosfire_detection.options import options_from
 from sextant.data.photo_files import find_photos
+from sextant.data.upright import upright_size
 from sextant.errors import UserError
-
-ORIENTATION = 0x0112  # tag of EXIF; from 5 on, height and width change places
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,6 @@ def _upright_size(path: Path) -> tuple[int, int] | None:
     """Width and height by the header; None if it cannot be read, which is told when the image is decoded."""
     try:
         with Image.open(path) as image:
-            turned = int(image.getexif().get(ORIENTATION, 1)) in (5, 6, 7, 8)
-            return image.size[::-1] if turned else image.size
+            return upright_size(image)
     except Exception:  # decoders raise almost anything on broken files
         return None

@@ -7,7 +7,8 @@ from typing import Any
 from rich.markup import escape
 
 from sextant.cli.console import console, rows_table
-from sextant.data.places.problem_list import NAMED, problem_list
+from sextant.cli.skipped_files import skipped_table
+from sextant.data.places.problem_list import NAMED
 
 
 def tell(rows: Sequence[Mapping[str, Any]], remarks: Sequence[str], written: Sequence[Path]) -> None:
@@ -26,9 +27,9 @@ def tell(rows: Sequence[Mapping[str, Any]], remarks: Sequence[str], written: Seq
         console.print(rows_table("Detections", table))
     if len(ordered) > NAMED:
         console.print(f"[dim]and {len(ordered) - NAMED:,} more in detections.json[/]")
-    failed = [f"{row['error']}" for row in rows if "error" in row]
+    failed = {row["file"]: row["error"] for row in rows if "error" in row}
     if failed:
-        console.print(f"[red]{len(failed):,} images could not be used[/]\n{escape(problem_list(failed))}")
+        console.print(skipped_table(failed))
     for remark in remarks:
         console.print(f"[dim]{escape(remark)}[/]")
     total = sum(len(row["detections"]) for row in good)

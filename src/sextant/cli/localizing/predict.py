@@ -1,6 +1,5 @@
 """From photos or a video to where each was taken."""
 
-from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,13 +11,12 @@ from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.localizing.written_files import Replay, Row, draw_trajectory, write_poses
 from sextant.cli.output_folder import telling_write_errors
+from sextant.cli.skipped_files import skipped_table
 from sextant.cli.work_progress import work_progress
 from sextant.data.localization.frames import Photos, Video, find_frames
 from sextant.data.localization.odometry_file import OdometryFile, motions_of, read_odometry
+from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
-
-#: of the images left out, so many are named
-NAMED = 5
 
 
 def predict_poses(
@@ -52,9 +50,8 @@ def predict_poses(
         raise UserError(f"the map in {folder} does not tell the size of its images", "Save it anew.")
     rows, replay = _localized(localizer, frames, motions, options)
     if all(row.problem for row in rows):
-        raise UserError(
-            f"input={given}: none of {len(rows):,} images can be used. The first: {rows[0].name} {rows[0].problem}"
-        )
+        skipped = {row.name: row.problem for row in rows}
+        raise nothing_usable(f"input={given}: none of {len(rows):,} images can be used", skipped)
     positions = localizer.model.map.poses[:, :2].numpy()
     with telling_write_errors(output):
         write_poses(rows, _times(frames, odometry), output)
@@ -123,11 +120,8 @@ def _tell(rows: list[Row], remarks: list[str], written: list[Path]) -> None:
         f"{len(rows):,} images, {len(rows) - lost:,} localized, {lost:,} lost"
         + (f", [red]{len(unseen):,} could not be used[/]: nothing was seen there" if unseen else "")
     )
-    for row in unseen[:NAMED]:
-        console.print(f"  {row.name}: {row.problem}", markup=False)
-    if len(unseen) > NAMED:
-        most = Counter(row.problem for row in unseen).most_common(1)[0][0]
-        console.print(f"  and {len(unseen) - NAMED:,} more, see poses.csv ({most})", markup=False)
+    if unseen:
+        console.print(skipped_table({row.name: row.problem for row in unseen}))
     if degenerate:
         console.print(f"{degenerate:,} images could not have been taken anywhere near a particle and were dropped")
     for remark in remarks:

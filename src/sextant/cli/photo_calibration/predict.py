@@ -13,7 +13,7 @@ from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.collected_files import write_collected
 from sextant.cli.photo_calibration.photo_files import write_photos
 from sextant.cli.photo_calibration.telling import tell
-from sextant.errors import UserError
+from sextant.data.unusable_files import nothing_usable
 
 
 def predict_calibrations(
@@ -34,8 +34,8 @@ def predict_calibrations(
             use_prior(finding, options)
     sheet = write_photos(model, findings, rows, output, options)
     write_collected(list(rows.values()), summary, sheet, output)
-    tell(list(rows.values()), summary, output)
     if not findings:
-        problem = next(iter(rows.values()))["error"]
-        raise UserError(f"none of {len(rows)} photos could be calibrated. The first: {problem}")
+        skipped = {row["file"]: row["error"] for row in rows.values()}
+        raise nothing_usable(f"none of {len(rows):,} photos could be calibrated", skipped)
+    tell(list(rows.values()), summary, output)
     return list(rows.values())

@@ -7,6 +7,7 @@ from typing import Any
 from rich.markup import escape
 
 from sextant.cli.console import console, rows_table
+from sextant.cli.skipped_files import skipped_table
 
 
 def tell(rows: Sequence[dict[str, Any]], summary: dict[str, Any] | None, output: Path) -> None:
@@ -23,8 +24,8 @@ def tell(rows: Sequence[dict[str, Any]], summary: dict[str, Any] | None, output:
     for row in rows:
         for reason in row.get("confidence", {}).get("reasons", ()):
             console.print(f"[dim]{escape(Path(row['file']).name)}: {escape(reason)}[/]")
-        if "error" in row:
-            console.print(f"[red]{escape(row['error'])}[/]")
+    if skipped := {row["file"]: row["error"] for row in rows if "error" in row}:
+        console.print(skipped_table(skipped))
     if summary:
         console.print(
             f"One camera from {len(summary['kept'])} of {summary['photos']} photos: "

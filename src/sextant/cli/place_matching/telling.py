@@ -8,7 +8,8 @@ from rich.markup import escape
 
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.cli.console import console, rows_table
-from sextant.data.places.problem_list import NAMED, problem_list
+from sextant.cli.skipped_files import skipped_table
+from sextant.data.places.problem_list import NAMED
 
 #: what a confidence is worth, in the terminal and in matches.json
 SUPPOSED = (
@@ -32,8 +33,7 @@ def tell(
         console.print(f"[dim]and {len(good) - NAMED:,} more in matches.csv[/]")
     for key, photos in described.items():
         if photos.failed:
-            listed = problem_list([f"{name} {why}" for name, why in photos.failed.items()])
-            console.print(f"[red]{key}: {len(photos.failed):,} photos could not be used[/]\n{escape(listed)}")
+            console.print(skipped_table(photos.failed, f"Skipped of {key}"))
     for remark in remarks:
         console.print(f"[dim]{escape(remark)}[/]")
     if "right" in counted:

@@ -1,4 +1,4 @@
-r"""What a photo tells of itself: its orientation and focal length.
+r"""What a photo tells of its focal length.
 
 With the 35-mm equivalent focal length :math:`f_{35}` of the EXIF block, which compares diagonals,
 :math:`f = f_{35} \sqrt{W^2 + H^2} / \sqrt{36^2 + 24^2}` pixels. Source: CIPA DCG-001, "Guideline for noting
@@ -10,19 +10,9 @@ import math
 from PIL import Image
 
 FULL_FRAME_DIAGONAL = math.hypot(36, 24)
-ORIENTATION = 0x0112
 EXIF_BLOCK, FOCAL_LENGTH, FOCAL_35MM = 0x8769, 0x920A, 0xA405
 PLANE_X_RESOLUTION, PLANE_UNIT, PIXELS_X, PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0xA003
 MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # of the unit of the focal plane's resolution
-TURN = {
-    2: Image.Transpose.FLIP_LEFT_RIGHT,
-    3: Image.Transpose.ROTATE_180,
-    4: Image.Transpose.FLIP_TOP_BOTTOM,
-    5: Image.Transpose.TRANSPOSE,
-    6: Image.Transpose.ROTATE_270,
-    7: Image.Transpose.TRANSVERSE,
-    8: Image.Transpose.ROTATE_90,
-}
 
 
 def exif_numbers(image: Image.Image) -> dict[int, float]:
@@ -37,15 +27,6 @@ def exif_numbers(image: Image.Image) -> dict[int, float]:
     except Exception:  # metadata that cannot be read is no reason to refuse the photo
         return {}
     return found
-
-
-def exif_orientation(image: Image.Image) -> int:
-    """1 to 8 by the EXIF block, 1 being upright; 1 too where it is broken."""
-    try:
-        value = int(image.getexif().get(ORIENTATION, 1))
-    except Exception:
-        return 1
-    return value if value in TURN else 1
 
 
 def exif_focal_px(exif: dict[int, float], width: int, height: int) -> float | None:

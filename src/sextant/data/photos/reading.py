@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from sextant.data.photos.exif import TURN, exif_focal_px, exif_numbers, exif_orientation
+from sextant.data.photos.exif import exif_focal_px, exif_numbers
 from sextant.data.photos.photo import Photo
 from sextant.data.photos.pixels import rgb_bytes
+from sextant.data.upright import TURN, exif_orientation
 from sextant.errors import UserError
 
 #: what is decoded; no format whose decoder runs another program (EPS) is among them

@@ -7,15 +7,24 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
-from PIL import Image, ImageOps
+from PIL import Image
+
+from sextant.data.upright import upright
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
 #: what is decoded; no format whose decoder runs another program (EPS) is among them
 FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF", "GIF", "JPEG2000")
+SMALLEST_SIDE = 4
 
 
 class UnreadableImageError(Exception):
     """A file that cannot be decoded; says why, without its name."""
+
+
+def require_sides(image: Image.Image) -> None:
+    """Raise a ``ValueError`` for a picture of so few pixels that it shows nothing, whatever it is enlarged to."""
+    if min(image.size) < SMALLEST_SIDE:
+        raise ValueError(f"{image.width}x{image.height} pixels, the shorter side needs {SMALLEST_SIDE}")
 
 
 def images_below(folder: Path) -> list[Path]:
@@ -47,12 +56,13 @@ def decode_image(path: Path, height: int, width: int, channels: int) -> UInt8[nd
     try:
         Image.init()  # until then Pillow knows the commonest formats alone
         with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
+            require_sides(image)
             if max(image.size) > 4 * max(height, width):
                 image.draft("RGB", (2 * max(height, width),) * 2)  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
-            upright = _eight_bits(ImageOps.exif_transpose(image)).convert("RGB" if channels == 3 else "L")
-            if upright.size != (width, height):
-                upright = upright.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
-            return np.asarray(upright).reshape(height, width, channels)
+            picture = _eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")
+            if picture.size != (width, height):
+                picture = picture.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
+            return np.asarray(picture).reshape(height, width, channels)
     except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
         size = path.stat().st_size if path.is_file() else 0
         reason = "is empty" if size == 0 else f"cannot be decoded ({size:,} bytes): {str(error).split(chr(10))[0]}"

@@ -1,0 +1,23 @@
+"""Files that could not be used: the mistake where there were no others."""
+
+from collections.abc import Mapping
+
+from sextant.data.places.problem_list import problem_list
+from sextant.errors import UserError
+
+
+def nothing_usable(problem: str, skipped: Mapping[str, str], fix: str | None = None) -> UserError:
+    """The mistake of an input of which nothing could be used; names the files.
+
+    Args:
+        problem: what is wrong with all of them.
+        skipped: reasons by file.
+        fix: what to do.
+    """
+    listed = problem_list([f"{name}: {reason_alone(name, why)}" for name, why in skipped.items()])
+    return UserError(f"{problem}\n{listed}", fix or "Replace these files, or name others.")
+
+
+def reason_alone(name: str, problem: str) -> str:
+    """A problem without the name of the file that it starts with, on one line."""
+    return " ".join(problem.removeprefix(name).lstrip(": ").split())
