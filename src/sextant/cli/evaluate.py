@@ -1,6 +1,7 @@
 """``evaluate.py``: test a trained model, under other data or corruptions."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 
+from sextant.cli.checks import require_device
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.config_files import groups
 from sextant.cli.execute import OpenMirror, identity_of, run_once
@@ -57,7 +59,8 @@ def main(arguments: Sequence[str]) -> None:
         open_mirror()
         return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key)
 
-    outcome = run_once(key, raw, config, work, published=content[KEY].get("published"))
+    device, published = partial(require_device, config), content[KEY].get("published")
+    outcome = run_once(key, raw, config, work, device, published=published)
     show_result(RunDirectory(outcome.directory), task=config.task.name, reused=outcome.reused)
 
 

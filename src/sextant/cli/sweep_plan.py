@@ -11,6 +11,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
+from sextant.cli.checks import checked
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.execute import run_key
 from sextant.cli.families import family_of
@@ -86,7 +87,7 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
     """
     overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
     raw = to_plain(compose(overrides))
-    config = validate(raw)
+    config = checked(raw)
     _check_read(arm, design.definition, config)
     return overrides, raw, config
 

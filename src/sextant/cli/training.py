@@ -17,7 +17,6 @@ from sextant.cli.progress import TrainingProgress
 from sextant.cli.published_figures import same_images
 from sextant.cli.trained_model import load_weights, model_from_checkpoint, read_trained
 from sextant.config import Config
-from sextant.errors import UserError
 from sextant.figures.style import save_figure
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
@@ -44,7 +43,6 @@ def train_and_test(
     """
     began = time.monotonic()
     reset_peak_memory()
-    require_device(config)
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
     family = family_of(config.task.name)
@@ -87,7 +85,6 @@ def test_checkpoint(
     began = time.monotonic()
     reset_peak_memory()
     torch.set_num_threads(config.trainer.threads)
-    require_device(config)
     module = model_from_checkpoint(raw, config, content, checkpoint)
     data = family_of(config.task.name).data(raw, config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
@@ -98,12 +95,6 @@ def test_checkpoint(
             results["published"] = {**published, "same_images": same_images(raw, config)}
         results = _with_record(results, module, data, config, directory)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
-
-
-def require_device(config: Config) -> None:
-    """Raise a ``UserError`` if the config asks for a GPU that is not there."""
-    if config.trainer.accelerator == "gpu" and not torch.cuda.is_available():
-        raise UserError("trainer.accelerator=gpu: no CUDA device was found on this machine", "Use trainer=cpu")
 
 
 def _write_results(
