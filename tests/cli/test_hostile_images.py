@@ -56,7 +56,7 @@ def nothing_is_drawn():
         spec = {"channels": 3, "height": 16, "width": 16, "classes": ["dark", "bright"]}
         content = {KEY: {"task": "classification", "spec": spec}}
         patch.setattr("sextant.cli.evaluate.checkpoint_config", lambda trained, overrides: ({}, None))
-        patch.setattr("sextant.recipes.trained_model.read_trained", lambda path: content)
+        patch.setattr("sextant.trained.content.read_trained", lambda path: content)
         patch.setattr(predict, "_answering", lambda *_: brightness)
         yield
 

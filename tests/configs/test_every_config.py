@@ -84,6 +84,7 @@ def test_composes_validates_and_builds(group, option):
     choice = f"{group}={option}"
     raw = to_plain(compose([choice, *NEEDED.get(choice, NEEDED.get(group, []))]))
     config = validate(raw)
+    assert config.custom_targets() == []
     if group == "dataset":
         assert build_dataset(raw, config).name == NAMES.get(option, option)
     elif group == "backbone":

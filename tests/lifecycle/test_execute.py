@@ -61,6 +61,23 @@ def test_the_same_again_returns_the_finished_run(finished):
     assert RunDirectory(outcome.directory).metrics.stat().st_mtime_ns == before
 
 
+def test_a_missing_device_is_told_before_there_is_a_directory(tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(UserError, match="no CUDA device was found"):
+        execute(quick_config(tmp_path, "tracking=none", "trainer=gpu"))
+    assert not list(tmp_path.glob("runs/*/[!.]*"))
+
+
+def test_a_finished_run_needs_no_device(finished, monkeypatch):
+    def refuse(config, source):
+        raise UserError("no device")
+
+    monkeypatch.setattr(life, "require_possible", refuse)
+    assert execute(finished[0]).reused
+    with pytest.raises(UserError, match="no device"):
+        execute({**finished[0], "seed": 1})
+
+
 def test_changed_code_runs_into_a_new_directory_with_the_same_result(finished, monkeypatch):
     raw, outcome = finished
     monkeypatch.setattr(life, "source_sha256", lambda targets: "other code")

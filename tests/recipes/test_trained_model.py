@@ -19,9 +19,10 @@ from sextant.errors import UserError
 from sextant.evaluation.classification.published_results import read_corruption_details
 from sextant.lifecycle.published_figures import same_images
 from sextant.models import DenseNetCifar, ResNetCifar, load_published
-from sextant.recipes.trained_model import model_from_checkpoint, read_trained
+from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.checkpoint import KEY
 from sextant.runs.directory import RunDirectory
+from sextant.trained.content import read_trained
 
 
 def a_resnet(depth=20):

@@ -1,7 +1,9 @@
 import builtins
+import os
 import pickle
 import resource
 import signal
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,6 +11,7 @@ import torch
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION, load_checkpoint
 from sextant.runs.checkpoint_io import AtomicCheckpointIO
+from sextant.torch_file import _Sealing
 
 GOOD = {KEY: {"schema_version": SCHEMA_VERSION, "task": "classification"}, "state_dict": {"w": torch.ones(3)}}
 
@@ -73,3 +76,35 @@ def test_a_full_disk_keeps_the_previous_checkpoint(tmp_path):
         signal.signal(signal.SIGXFSZ, ignored)
     assert torch.equal(load_checkpoint(path)["state_dict"]["w"], torch.ones(3))
     assert [p.name for p in tmp_path.iterdir()] == ["last.ckpt"]
+
+
+def test_a_kill_at_any_moment_of_saving_leaves_one_whole_checkpoint(tmp_path, monkeypatch):
+    """Contents and digest are one file: between any two calls of the system the old one is there, then the new one."""
+    path, newer = tmp_path / "last.ckpt", {**GOOD, "state_dict": {"w": torch.zeros(3)}}
+    steps, stop_at = [], 0
+
+    def step(call):
+        def stopping(*given, **more):
+            steps.append(call)
+            if len(steps) == stop_at:
+                os._exit(9)  # nothing is cleaned up, as with kill -9
+            return call(*given, **more)
+
+        return stopping
+
+    monkeypatch.setattr(_Sealing, "_emit", step(_Sealing._emit))
+    monkeypatch.setattr(os, "fsync", step(os.fsync))
+    monkeypatch.setattr(Path, "replace", step(Path.replace))
+    AtomicCheckpointIO().save_checkpoint(GOOD, path)
+    found, last = [], len(steps)
+    moments = [*range(1, last, last // 8), last - 1, last]  # fsync and the renaming are the last two
+    for moment in [*moments, last + 1]:
+        AtomicCheckpointIO().save_checkpoint(GOOD, path)
+        steps.clear()
+        if (child := os.fork()) == 0:
+            stop_at = moment
+            AtomicCheckpointIO().save_checkpoint(newer, path)
+            os._exit(0)
+        os.waitpid(child, 0)
+        found.append(float(load_checkpoint(path)["state_dict"]["w"][0]))
+    assert found == [1.0] * len(moments) + [0.0]

@@ -38,6 +38,29 @@ MISTAKES = {
     "key that the arms set": (["-m", "sweep=demo", "inhibition=twin"], "inhibition is what the arms of this sweep"),
     "not an override": (["please train"], "'please train' is not a key=value override"),
     "run of another command": (["run=foo"], "init_from=foo starts training from its weights"),
+    "printed config with nan": (["--cfg", "job", "optimizer.lr=nan"], "optimizer.lr=nan: must be a finite number"),
+    "printed config with an unknown key": (["++trainer.bogus=1", "-c", "job"], "trainer.bogus: unknown key"),
+    "printed config without a value": (["dataset=image_folder", "--cfg=job"], "dataset.folder has no default"),
+    "shell as a backbone": (
+        ["backbone._target_=os.system"],
+        "backbone._target_=os.system: Target 'os.system' is block",
+    ),
+    "missing module": (["backbone._target_=gone.Network"], "backbone._target_=gone.Network: Error loading 'gone.Net"),
+    "missing name": (["optimizer._target_=sextant.Gone"], "optimizer._target_=sextant.Gone: Error loading"),
+    "missing module in a sweep": (["-m", "seed=0,1", "loss._target_=gone.Loss", "task=calibration"], "loss._target_"),
+    "nothing to call": (["backbone._target_=math.pi"], "backbone._target_=math.pi: Expected a callable target"),
+    "batch larger than the data": (
+        ["trainer.batch_size=1000000"],
+        "trainer.batch_size=1000000: dataset=digits has 1,294 images to train on",
+    ),
+    "crops fewer than a batch": (
+        ["task=calibration", "trainer.batch_size=2000", "tracking=none"],
+        "trainer.batch_size=2000: dataset=town_panoramas has 1,536 images to train on",
+    ),
+    "corruptions of places": (
+        ["task=place_recognition", "corruption=cifar10_c"],
+        "task=place_recognition tests under the conditions of its dataset",
+    ),
     "start from no run": (["init_from=gone"], "init_from=gone: no run, run directory or checkpoint"),
     "descriptor of no run": (
         ["task=cosfire", "descriptor=run:gone"],
@@ -62,7 +85,7 @@ def test_a_mistake_is_told_in_one_message(arguments, said, capsys, monkeypatch, 
     assert said in told
     assert told.startswith("Error: ")
     assert "Traceback" not in told
-    assert not list(tmp_path.glob("runs/*/*"))
+    assert not list(tmp_path.glob("runs/*/[!.]*"))  # a lock alone
 
 
 def run_and_list_modules(arguments, tmp_path):

@@ -87,7 +87,13 @@ def test_a_failing_cell_is_recorded_and_the_rest_go_on(tmp_path, sweep):
                 Image.new("L", (20, 20), 20 * number).save(folder / f"{number}.png")
     (tmp_path / "bad" / "a" / "3.png").write_bytes(b"no image")
     folders = f"dataset.folder={tmp_path / 'good'},{tmp_path / 'bad'}"
-    common = ["dataset=image_folder", "dataset.size=28", "tracking=none", "trainer.max_epochs=1"]
+    common = [
+        "dataset=image_folder",
+        "dataset.size=28",
+        "tracking=none",
+        "trainer.max_epochs=1",
+        "trainer.batch_size=8",
+    ]
     status, text = sweep(tmp_path / "outputs", *common, folders, "seed=0,1")
     assert status == 1
     assert "4 planned, " in text

@@ -1,6 +1,7 @@
 """``evaluate.py``: test a trained model, under other data or corruptions."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from sextant.cli.terminal import TERMINAL
 from sextant.config import Config, digest, nearest
 from sextant.config.trained import trained_config
 from sextant.errors import UserError
+from sextant.lifecycle.checks import require_device
 from sextant.lifecycle.execute import OpenMirror, identity_of, run_once
 from sextant.recipes import Source, recipe_of
 from sextant.runs.directory import RunDirectory, RunKey
@@ -58,7 +60,8 @@ def main(arguments: Sequence[str]) -> None:
         open_mirror()
         return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key, TERMINAL)
 
-    outcome = run_once(key, raw, config, work, published=content[KEY].get("published"), reporter=TERMINAL)
+    device, published = partial(require_device, config), content[KEY].get("published")
+    outcome = run_once(key, raw, config, work, device, published=published, reporter=TERMINAL)
     show_result(RunDirectory(outcome.directory), task=config.task.name, reused=outcome.reused)
 
 

@@ -12,11 +12,12 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
 from sextant.cli.compose import compose, to_plain
+from sextant.cli.environment import check_environment
 from sextant.cli.terminal import TERMINAL
-from sextant.cli.train import check_environment
 from sextant.config import Config, validate
 from sextant.config.schema import CosfireTask
 from sextant.errors import UserError
+from sextant.lifecycle.checks import checked
 from sextant.lifecycle.execute import run_key
 from sextant.recipes import recipe_of
 from sextant.recipes.cosfire_checks import answering_with_parts
@@ -87,7 +88,7 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
     """
     overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
     raw = to_plain(compose(overrides))
-    config = validate(raw)
+    config = checked(raw)
     _check_read(arm, design.definition, config)
     return overrides, raw, config
 

@@ -2,8 +2,7 @@
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import hydra
@@ -13,14 +12,17 @@ from omegaconf import DictConfig
 
 from sextant.cli.compose import compose, register_resolvers, to_plain
 from sextant.cli.console import reporting_mistakes
-from sextant.config import Config, validate
 from sextant.errors import UserError
+from sextant.lifecycle.checks import checked
 from sextant.runs.outputs_folder import conf_dir
 from sextant.tracking.environment import quiet_libraries
 
 MULTIRUN = ("-m", "--multirun")
 #: Flags with which Hydra only prints something.
 ONLY_PRINT = ("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc")
+
+#: those of them that print the config of a run, which has to be one that would be run
+PRINT_CONFIG = ("--cfg", "-c")
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -31,16 +33,20 @@ def main(arguments: Sequence[str]) -> None:
     printing = [argument for argument in arguments if argument.split("=")[0] in ONLY_PRINT]
     if printing and any(argument in MULTIRUN for argument in arguments):
         raise UserError(f"{printing[0]} prints something about one run, -m starts many", "Leave one of them out.")
-    if not printing:
-        overrides = [argument for argument in arguments if not argument.startswith("-")]
-        if any(argument in MULTIRUN for argument in arguments):
-            from sextant.cli.sweep_plan import check_sweep_overrides
+    if printing:
+        if printing[0].split("=")[0] in PRINT_CONFIG:
+            overrides = [word for word in arguments if ("=" in word or "~" in word) and not word.startswith("-")]
+            checked(to_plain(compose(overrides)))
+        return _hydra_main()
+    overrides = [argument for argument in arguments if not argument.startswith("-")]
+    if any(argument in MULTIRUN for argument in arguments):
+        from sextant.cli.sweep_plan import check_sweep_overrides
 
-            check_sweep_overrides(overrides)
-            os.environ.setdefault("HYDRA_FULL_ERROR", "1")
-        else:
-            preflight(overrides)
-    _hydra_main()
+        check_sweep_overrides(overrides)
+        os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+    else:
+        preflight(overrides)
+    return _hydra_main()
 
 
 def preflight(overrides: Sequence[str]) -> None:
@@ -49,30 +55,9 @@ def preflight(overrides: Sequence[str]) -> None:
         name = next(override for override in overrides if override.startswith("sweep="))
         raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: python train.py -m {' '.join(overrides)}")
     raw = to_plain(compose(overrides))
-    check_environment(raw, validate(raw))
+    from sextant.cli.environment import check_environment
 
-
-def check_environment(raw: Mapping[str, Any], config: Config) -> None:
-    """Whether the data is there, the output folder can be written to, and the tracking server answers."""
-    from sextant.cli.terminal import TERMINAL
-    from sextant.recipes import recipe_of
-    from sextant.tracking.store import require_server
-
-    outputs = Path(config.paths.outputs)
-    try:
-        outputs.mkdir(parents=True, exist_ok=True)
-        probe = outputs / f".writable-{os.getpid()}"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise UserError(
-            f"paths.outputs={outputs} cannot be written to: {error.strerror}",
-            "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
-        ) from None
-    recipe = recipe_of(config.task.name, TERMINAL)
-    recipe.check(recipe.source(raw, config))
-    if config.tracking.kind == "server" and config.tracking.uri is not None:
-        require_server(config.tracking.uri)
+    check_environment(raw, checked(raw))
 
 
 def run_config(config: DictConfig) -> dict[str, Any] | None:

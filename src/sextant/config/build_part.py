@@ -6,6 +6,30 @@ from importlib import import_module
 from typing import Any
 
 TARGET, PARTIAL = "_target_", "_partial_"
+#: modules whose functions no config may call, by whatever path they are reached
+REFUSED = frozenset(
+    [
+        "builtins",
+        "code",
+        "codeop",
+        "ctypes",
+        "importlib",
+        "marshal",
+        "multiprocessing",
+        "nt",
+        "os",
+        "pickle",
+        "posix",
+        "pty",
+        "runpy",
+        "shutil",
+        "signal",
+        "socket",
+        "subprocess",
+        "sys",
+        "webbrowser",
+    ]
+)
 #: where parts are today whose import paths configs of stored runs hold; configs, and so digests, keep the old path
 MOVED = {
     "sextant.cli.descriptors.TrainedDescriptor": "sextant.recipes.descriptors.TrainedDescriptor",
@@ -28,7 +52,7 @@ def build_part(node: Mapping[str, Any], **arguments: Any) -> Any:
         TypeError, ValueError: the object does not take these arguments.
     """
     given = {key: _built(value) for key, value in node.items() if key not in (TARGET, PARTIAL)} | arguments
-    make = _named(str(node[TARGET]))
+    make = named(str(node[TARGET]))
     return partial(make, **given) if node.get(PARTIAL) else make(**given)
 
 
@@ -38,8 +62,12 @@ def _built(value: Any) -> Any:
     return [_built(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
-def _named(path: str) -> Any:
-    """What an import path names: a name in a module, or a name in that."""
+def named(path: str) -> Any:
+    """What an import path names: a name in a module, or a name in that.
+
+    Raises:
+        ImportError: there is no such module or name, or it is one of :data:`REFUSED`.
+    """
     parts = MOVED.get(path, path).split(".")
     for length in range(len(parts) - 1, 0, -1):
         module = ".".join(parts[:length])
@@ -53,5 +81,7 @@ def _named(path: str) -> Any:
             if not hasattr(found, name):
                 raise ImportError(f"{path}: {module} has no {'.'.join(parts[length:])}")
             found = getattr(found, name)
+        if {module.split(".")[0], str(getattr(found, "__module__", "")).split(".")[0]} & REFUSED:
+            raise ImportError(f"{path} is refused: it runs programs or code, or changes files, and makes no part")
         return found
     raise ImportError(f"{path}: there is no such module")

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from sextant.config.build_part import build_part
+from sextant.config.build_part import build_part, named
 from sextant.errors import ArgumentError, UserError
 
 
@@ -27,6 +27,22 @@ def build(raw: Mapping[str, Any], group: str, **arguments: Any) -> Any:
             f"{group}: {node.get('_target_')} cannot be built: {reason}",
             f"It is called with the keys of {group}" + (f" and {', '.join(arguments)}" if arguments else ""),
         ) from None
+
+
+def require_callable(key: str, path: str) -> None:
+    """Import what a key of a config names, and call nothing.
+
+    Raises:
+        UserError: there is no such module or name, it cannot be called, or no config may call it.
+    """
+    fix = "Name a class or function by its import path, such as my_package.my_module.MyClass."
+    try:
+        found = named(path)
+    except Exception as error:  # a module of the user's own can fail in any way
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise UserError(f"{key}={path}: {reason}", fix) from None
+    if not callable(found):
+        raise UserError(f"{key}={path} is no class or function", fix)
 
 
 @contextmanager

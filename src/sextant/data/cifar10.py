@@ -19,6 +19,7 @@ MD5 = {
     "data_batch_5": "482c414d41f54cd18b22e5b47cb7c3cb",
     "test_batch": "40351d587109b95175f43aff81a1287e",
 }
+BATCH = 10_000
 CLASSES = ("airplane", "automobile", "bird", "cat", "deer", "dog", "frog", "horse", "ship", "truck")
 
 
@@ -60,6 +61,10 @@ class CIFAR10(ImageSource):
     def spec(self) -> ImageSpec:
         """Three channels, 32x32, ten classes."""
         return ImageSpec(3, 32, 32, CLASSES)
+
+    def count(self, split: Split) -> int:
+        """10,000 a batch."""
+        return BATCH * (1 if split == "test" else self.train_batches)
 
     def read(self, split: Split) -> LabelledImages:
         """Read a split after checking the MD5 of its files."""

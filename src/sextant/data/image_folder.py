@@ -90,6 +90,10 @@ class ImageFolder(ImageSource):
         """A square of the configured size; classes are the folder names in order."""
         return ImageSpec(self.channels, self.size, self.size, tuple(self._classes()))
 
+    def count(self, split: Split) -> int:
+        """The files of ``split``."""
+        return len(self.files(split))
+
     def read(self, split: Split) -> LabelledImages:
         """Decode a split.
 

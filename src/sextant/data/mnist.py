@@ -71,6 +71,10 @@ class MNIST(ImageSource):
         """One channel, 28x28, ten classes."""
         return ImageSpec(1, 28, 28, self.classes)
 
+    def count(self, split: Split) -> int:
+        """60,000 for training, 10,000 for the test."""
+        return COUNT[split]
+
     def read(self, split: Split) -> LabelledImages:
         """Read a split after checking its two files."""
         images, labels = (self._read_checked(path) for path in self.files(split))

@@ -72,6 +72,10 @@ class ImageSource(ABC):
             UserError: a file is missing, truncated or altered; it is named.
         """
 
+    def count(self, split: Split) -> int | None:
+        """Images of a split, where that is known before they are read."""
+        return None
+
     def fingerprint(self) -> str:
         """Hash of the names and contents of all files: it changes when the data does."""
         entries: list[tuple[str, ...]] = []

@@ -5,15 +5,17 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 
 from sextant.atomic_files import write_atomically, write_json
-from sextant.config import Config, digest, validate
+from sextant.config import Config, digest
 from sextant.config.schema.classification.corruptions import StoredSuite
 from sextant.errors import LossNotFiniteError, UserError
+from sextant.lifecycle.checks import checked, require_possible
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.recipes import Source, recipe_of
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
@@ -96,7 +98,7 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter
         UserError: a mistake in the config or the data; the run directory keeps what was reached before.
         KeyboardInterrupt: the run was interrupted and can be resumed.
     """
-    config = validate(raw)
+    config = checked(raw)
     source = recipe_of(config.task.name, reporter).source(raw, config)
     key = run_key(config, source)
 
@@ -105,7 +107,8 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter
 
         return train_and_test(raw, config, source, directory, key, open_mirror(), reporter)
 
-    return run_once(key, raw, config, work, wait=wait, reporter=reporter)
+    possible = partial(require_possible, config, source)
+    return run_once(key, raw, config, work, possible, wait=wait, reporter=reporter)
 
 
 def run_once(
@@ -113,6 +116,7 @@ def run_once(
     raw: Mapping[str, Any],
     config: Config,
     work: Work,
+    check: Callable[[], None],
     *,
     wait: bool = False,
     published: Mapping[str, Any] | None = None,
@@ -122,6 +126,7 @@ def run_once(
 
     ``work`` gets the directory and a function that opens the MLflow run, and returns what it wrote to ``metrics.json``.
     ``published`` is what the file of a network that was not trained here says of its training.
+    ``check`` raises what makes that impossible, before there is a directory.
     """
     outputs = Path(config.paths.outputs)
     with run_lock(outputs / "runs" / key.task, key.name, wait):
@@ -130,6 +135,7 @@ def run_once(
         if found.finished and results is not None:
             message = str(results.get("message", ""))
             return Outcome(results["outcome"], found.directory.path, reused=True, message=message)
+        check()
         return _Run(found, key, raw, config, reporter).run(work, published)
 
 

@@ -13,7 +13,6 @@ from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config
 from sextant.config.building import naming_groups
-from sextant.errors import UserError
 from sextant.figures.style import save_figure
 from sextant.lifecycle.published_figures import same_images
 from sextant.lifecycle.run_reporter import RunReporter
@@ -46,7 +45,6 @@ def train_and_test(
     """
     began = time.monotonic()
     reset_peak_memory()
-    require_device(config)
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
     recipe = recipe_of(config.task.name, reporter)
@@ -90,7 +88,6 @@ def test_checkpoint(
     began = time.monotonic()
     reset_peak_memory()
     torch.set_num_threads(config.trainer.threads)
-    require_device(config)
     module = model_from_checkpoint(raw, config, content, checkpoint)
     recipe = recipe_of(config.task.name, reporter)
     data = recipe.data(raw, config, source)
@@ -102,12 +99,6 @@ def test_checkpoint(
             results["published"] = {**published, "same_images": same_images(raw, config)}
         results = _with_record(results, module, data, config, directory, recipe)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
-
-
-def require_device(config: Config) -> None:
-    """Raise a ``UserError`` if the config asks for a GPU that is not there."""
-    if config.trainer.accelerator == "gpu" and not torch.cuda.is_available():
-        raise UserError("trainer.accelerator=gpu: no CUDA device was found on this machine", "Use trainer=cpu")
 
 
 def _write_results(

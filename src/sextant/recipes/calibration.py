@@ -41,6 +41,14 @@ class CalibrationRecipe(Recipe):
         for split in ("train", "val", "test"):
             source.files(split)
 
+    def training_size(self, config: Config, source: "PanoramaSource") -> int | None:
+        """Crops of the training panoramas."""
+        from sextant.data.calibration.panoramas import panorama_count
+
+        assert isinstance(config.task, CalibrationTask)
+        count = panorama_count(source, "train")
+        return None if count is None else count * config.task.crops_per_panorama.train
+
     def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
         """Network, what it predicts, and how it is trained."""
         names = ("backbone", "inhibition", "parameterization", "loss")

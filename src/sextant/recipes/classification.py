@@ -41,6 +41,12 @@ class ClassificationRecipe(Recipe):
         source.files("train")
         source.files("test")
 
+    def training_size(self, config: Config, source: ImageSource) -> int | None:
+        """The training split without the share that is held out of it."""
+        assert isinstance(config.task, ClassificationTask)
+        count = source.count("train") if isinstance(source, ImageSource) else None  # the user's own may be none
+        return None if count is None else count - round(config.task.validation_fraction * count)
+
     def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
         """Network, inhibition and test conditions."""
         return {

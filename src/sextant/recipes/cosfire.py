@@ -28,13 +28,17 @@ class CosfireRecipe(Recipe):
 
     evaluation_example = "dataset=mnist"
     sweep_example = "seed=0,1,2 bank=gabor,vectors"
+    uncorrupted = "images as they are"
     test_settings = ("test_every",)
+
+    def check_parts(self, config: Config) -> None:
+        """Raise a ``UserError`` where bank, strategy and network do not go together, or images are to be corrupted."""
+        check_parts(config, _task(config))
+        super().check_parts(config)
 
     def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
-        check_parts(config, _task(config))
-        if raw["corruption"].get("corruptions"):
-            raise UserError("corruption: task=cosfire tests images as they are", "corruption=none")
+        self.check_parts(config)
         source, scenes = build_dataset(raw, config), _task(config).scenes
         if config.descriptor is not None:
             descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a missing run is told at once

@@ -31,6 +31,7 @@ class LocalizationRecipe(Recipe):
     evaluation_example = "fault=kidnap"
     sweep_example = "seed=0,1,2 recovery=none,bayes_restart"
     prediction_example = "input=<folder of photos> odometry=<table>"
+    uncorrupted = "drives as they are, under fault and faults"
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "LocalizationSource":
@@ -38,6 +39,7 @@ class LocalizationRecipe(Recipe):
         from sextant.data.localization.drive_settings import DriveSettings
         from sextant.data.localization.source import as_localization_source
 
+        self.check_parts(config)
         task = _task(config)
         descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a run that is missing is told at once
         settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)

@@ -34,12 +34,14 @@ class PlaceRecognitionRecipe(Recipe):
     evaluation_example = "dataset=nordland"
     sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
     prediction_example = "map=<folder> queries=<folder>"
+    uncorrupted = "under the conditions of its dataset"
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "PlaceSource":
         """The dataset as a source of places."""
         from sextant.data.places import ConditionSplit, ConditionSplitSource, as_place_source, rendered_place_source
 
+        self.check_parts(config)
         source = as_place_source(build_dataset(raw, config))
         world = rendered_place_source(source)
         if world is not None:
@@ -100,10 +102,6 @@ class PlaceRecognitionRecipe(Recipe):
         from sextant.tasks.places.network import place_network
         from sextant.tasks.places.whitening import Whitening
 
-        if raw["corruption"].get("corruptions"):
-            raise UserError(
-                "corruption: task=place_recognition tests under the conditions of its dataset", "corruption=none"
-            )
         task = raw["task"]
         network = place_network(raw, spec, partial(build, raw))
         if training and task["whitening"] is not None and network.pooling.features < task["dimension"]:

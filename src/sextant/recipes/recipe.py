@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from sextant.config import Config
+from sextant.config.schema.classification.corruptions import CorruptionSuite
+from sextant.errors import UserError
 from sextant.reporter import SILENT, Reporter
 
 if TYPE_CHECKING:
@@ -56,6 +58,7 @@ class Recipe(ABC):
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
         sweep_example: arguments of ``train.py -m`` that a user may want next.
         prediction_example: arguments of ``predict.py`` that say what to predict.
+        uncorrupted: how it tests images, if it has no use for test conditions of the group ``corruption``.
         test_settings: keys of ``task`` that control testing, and may change after training.
         reporter: listens to long work.
     """
@@ -63,10 +66,17 @@ class Recipe(ABC):
     evaluation_example: ClassVar[str]
     sweep_example: ClassVar[str]
     prediction_example: ClassVar[str] = "input=<folder>"
+    uncorrupted: ClassVar[str] = ""
     test_settings: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, reporter: Reporter = SILENT):
         self.reporter = reporter
+
+    def check_parts(self, config: Config) -> None:
+        """Raise a ``UserError`` if choices of several groups do not go together. Light."""
+        suite = config.corruption
+        if self.uncorrupted and (not isinstance(suite, CorruptionSuite) or suite.corruptions):
+            raise UserError(f"corruption: task={config.task.name} tests {self.uncorrupted}", "corruption=none")
 
     @abstractmethod
     def source(self, raw: Mapping[str, Any], config: Config) -> Source:
@@ -79,6 +89,10 @@ class Recipe(ABC):
     @abstractmethod
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files that a run needs are missing. Light."""
+
+    def training_size(self, config: Config, source: Any) -> int | None:
+        """Images of an epoch, of which ``trainer.batch_size`` takes some; None where only reading tells. Light."""
+        return None
 
     @abstractmethod
     def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:

@@ -331,7 +331,7 @@ def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_pat
             for k in range(6):
                 Image.fromarray(picture(k, 32, 32)).save(tmp_path / "pictures" / split / name / f"{split}{k}{name}.png")
     pictures = ("dataset=image_folder", f"dataset.folder={tmp_path / 'pictures'}", "dataset.size=32")
-    one = ("tracking=none", "trainer.max_epochs=1")
+    one = ("tracking=none", "trainer.max_epochs=1", "trainer.batch_size=8")
     run = RunDirectory(execute(quick_config(tmp_path, *pictures, *one)).directory)
     choices = (
         "features=run",

@@ -16,9 +16,10 @@ from sextant.data.places import PlaceTolerance
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
 from sextant.recipes.place_recognition import PlaceRecognitionRecipe
-from sextant.recipes.trained_model import model_from_checkpoint, read_trained
+from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.places.whitening import Whitening, solve_projection
+from sextant.trained.content import read_trained
 
 PLACES = {"train": 48, "val": 16, "test": 24}
 

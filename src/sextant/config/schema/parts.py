@@ -1,5 +1,6 @@
 """What all config nodes have in common."""
 
+from collections.abc import Iterator
 from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
@@ -50,6 +51,26 @@ CHOSEN_BY_TARGET = ChosenByTarget()
 def _target_of(part: type[Part]) -> str:
     """The import path that a model is of."""
     return CUSTOM if part is CustomPart else str(get_args(part.model_fields["target"].annotation)[0])
+
+
+def known_targets() -> frozenset[str]:
+    """The import paths that Sextant has a schema for."""
+    parts, found = [Part], set[str]()
+    while parts:
+        part = parts.pop()
+        parts += part.__subclasses__()
+        annotation = part.model_fields["target"].annotation
+        found |= {path for each in (annotation, *get_args(annotation)) for path in get_args(each) if type(path) is str}
+    return frozenset(found)
+
+
+def named_targets(node: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Every import path within plain values, however deep, with its dotted key."""
+    inner = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list | tuple) else ()
+    for name, value in inner:
+        if name == "_target_":
+            yield f"{prefix}{name}", str(value)
+        yield from named_targets(value, f"{prefix}{name}.")
 
 
 def distinct(values: list[float]) -> list[float]:

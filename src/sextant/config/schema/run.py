@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from sextant.config.schema.calibration.cameras import BearingLoss, Parameterization, ParameterLoss, Sampling
 from sextant.config.schema.classification.augmentations import Augmentation
-from sextant.config.schema.classification.corruptions import CorruptionSuite, TestConditions
+from sextant.config.schema.classification.corruptions import TestConditions
 from sextant.config.schema.cosfire.parts import Bank, Features, Filters, Strategy
 from sextant.config.schema.datasets import Dataset
 from sextant.config.schema.environment import Paths, Tracking, Trainer
@@ -23,7 +23,7 @@ from sextant.config.schema.localization.parts import (
 from sextant.config.schema.losses import Loss
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.optimization import Optimizer, Schedule
-from sextant.config.schema.parts import CustomPart, Node, Part, Seed
+from sextant.config.schema.parts import CustomPart, Node, Part, Seed, known_targets, named_targets
 from sextant.config.schema.places.parts import PLACE_LOSSES, Mining, Pooling
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task
@@ -101,12 +101,11 @@ class Config(Node):
             raise ValueError(f"loss={self.loss.target} is not one of task={self.task.name}")
         return self
 
+    def custom_parts(self) -> dict[str, str]:
+        """Import paths that Sextant has no schema for, wherever in the config they stand, by their dotted keys."""
+        known = known_targets()
+        return {key: path for key, path in named_targets(self.model_dump(by_alias=True)) if path not in known}
+
     def custom_targets(self) -> list[str]:
-        """Import paths in the config that Sextant has no schema for."""
-        parts: list[Part] = [self.dataset, self.corruption, self.optimizer, self.schedule]
-        if isinstance(self.corruption, CorruptionSuite):
-            parts += self.corruption.corruptions.values()
-        networks = (self.backbone, self.inhibition, self.loss, self.augmentation, self.pooling, self.mining)
-        localizers = (self.descriptor, self.observation, self.motion, self.recovery)
-        parts += [part for part in (*networks, *localizers, self.bank, self.strategy) if part is not None]
-        return [part.target for part in parts if isinstance(part, CustomPart)]
+        """The same import paths alone."""
+        return list(dict.fromkeys(self.custom_parts().values()))

@@ -172,6 +172,18 @@ class PanoramaMix:
         return Panoramas(images, names, rows)
 
 
+def panorama_count(source: PanoramaSource, split: Split) -> int | None:
+    """Panoramas of a split, those of training as often as they are shown; None where only reading tells."""
+    if isinstance(source, PanoramaMix):
+        counts = [panorama_count(part, split) for part in source.sources]
+        repeats = source.repeats if split == "train" else [1] * len(counts)
+        known = [count * again for count, again in zip(counts, repeats, strict=True) if count is not None]
+        return sum(known) if len(known) == len(counts) else None
+    if isinstance(source, TownPanoramaSource):
+        return int(source.dataset.config["images"][split])  # type: ignore[attr-defined]
+    return len(source.files(split)) or None
+
+
 def rendered_sources(source: PanoramaSource) -> list[TownPanoramaSource]:
     """The parts of a source that are rendered."""
     if isinstance(source, PanoramaMix):

@@ -20,7 +20,7 @@ class Sampling(Part):
 
     model_config = ConfigDict(extra="allow")
 
-    target: str = Field(alias="_target_")
+    target: Literal["sextant.data.calibration.CameraDistribution"] | str = Field(alias="_target_")
     k2_of_k1: Literal["lopez", "zero"]
 
 
