@@ -55,7 +55,7 @@ def nothing_is_drawn():
         patch.setattr(predict, "resolve_run", lambda reference, outputs: FoundRun(Path("last.ckpt"), None))
         spec = {"channels": 3, "height": 16, "width": 16, "classes": ["dark", "bright"]}
         content = {KEY: {"task": "classification", "spec": spec}}
-        patch.setattr("sextant.cli.evaluate.checkpoint_config", lambda trained, overrides: ({}, None))
+        patch.setattr("sextant.trained.content.own_config", lambda trained, trust: ({}, None))
         patch.setattr("sextant.trained.content.read_trained", lambda path: content)
         patch.setattr(predict, "_answering", lambda *_: brightness)
         yield
