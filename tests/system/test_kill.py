@@ -1,4 +1,4 @@
-"""kill -9 at random moments loses nothing and doubles nothing."""
+"""kill -9 at any moment loses nothing and doubles nothing."""
 
 import multiprocessing
 import os
@@ -20,6 +20,7 @@ from sextant.tracking.store import open_store
 
 ROOT = Path(__file__).parents[2]
 KILLS = 10
+CHECKPOINT = "runs/*/*/checkpoints/last.ckpt"
 HAS_BEGUN_A_RUN = 200e6  # bytes: it has imported torch. A worker without a task yet is joblib's and idles on.
 
 
@@ -38,27 +39,37 @@ def tracked(outputs):
     return store.client.search_runs([store.experiment_id("classification")])
 
 
+def traces(outputs, pattern):
+    """The files of a pattern, each with when it was written."""
+    return {(path, path.stat().st_mtime_ns) for path in outputs.glob(pattern)}
+
+
+def wait_for(outputs, pattern, ended):
+    """Wait until a file of the pattern is written anew, or all has ended."""
+    before = traces(outputs, pattern)
+    while traces(outputs, pattern) <= before and not ended():
+        time.sleep(0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
-    overrides = ["trainer.max_epochs=30", "trainer.batch_size=32"]
+    overrides = ["trainer.max_epochs=40", "trainer.batch_size=32"]
     raw = quick_config(tmp_path / "killed", *overrides)
     expected = RunDirectory(execute(quick_config(tmp_path / "whole", *overrides)).directory).results()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["sextant.lifecycle.training", "sextant.tracking.mirror", "mlflow"])
-    rng, kills = random.Random(0), 0
-    for _ in range(5 * KILLS):
+    rng = random.Random(0)
+    for number in range(KILLS):
         process = context.Process(target=child, args=(raw,))
         process.start()
-        process.join(rng.uniform(0.2, 2.5))
-        if process.is_alive():
-            os.kill(process.pid, signal.SIGKILL)
-            kills += 1
+        if number % 3:  # twice while it trains or writes, and then while it starts
+            wait_for(tmp_path / "killed", CHECKPOINT, lambda p=process: not p.is_alive())
+        process.join(rng.uniform(0, 0.2))
+        assert process.is_alive()
+        os.kill(process.pid, signal.SIGKILL)
         process.join()
-        if kills == KILLS or list((tmp_path / "killed").glob("runs/*/*/metrics.json")):
-            break
     results = RunDirectory(execute(raw).directory).results()
-    assert kills >= 3
     assert results["metrics"] == expected["metrics"]
     assert len(all_runs(tmp_path / "killed")) == 1
     assert [run.info.status for run in tracked(tmp_path / "killed")] == ["FINISHED"]
@@ -67,7 +78,7 @@ def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_sweep_of_two_workers_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
+def test_a_sweep_of_two_workers_killed_again_and_again_ends_as_if_it_had_not_been(tmp_path):
     outputs, whole = tmp_path / "killed", tmp_path / "whole"
     choices = [(f"inhibition={kind}", f"seed={seed}") for kind in ("none", "push_pull") for seed in (0, 1)]
     epochs = "trainer.max_epochs=30"
@@ -79,11 +90,14 @@ def test_a_sweep_of_two_workers_killed_ten_times_ends_as_if_it_had_not_been(tmp_
     command += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     environment = {**os.environ, "SEXTANT_OUTPUTS": str(outputs)}
     rng, workers = random.Random(1), []
-    for number in range(KILLS):
+    # planned; then begun, half way, and where a worker goes from one run to the next
+    for number, moment in enumerate(["sweeps/*/cells.json", CHECKPOINT, CHECKPOINT, "runs/*/*/metrics.json"]):
         process = subprocess.Popen(
             command, cwd=ROOT, env=environment, start_new_session=True, stdout=subprocess.DEVNULL
         )
-        time.sleep(rng.uniform(1, 20))
+        wait_for(outputs, moment, lambda p=process: p.poll() is not None)
+        time.sleep(rng.uniform(0, 1))
+        assert process.poll() is None
         workers += psutil.Process(process.pid).children(recursive=True)
         os.kill(process.pid, signal.SIGKILL) if number % 2 else os.killpg(process.pid, signal.SIGKILL)
         process.wait()  # every other time the workers are left to notice by themselves

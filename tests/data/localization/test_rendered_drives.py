@@ -177,7 +177,6 @@ def test_the_real_wheels_of_cold_drift_as_their_model_does(real_data, tmp_path):
     assert drift(truth, first, 0.5)[0] < 0.5 * drift(truth, cold.odometry[::2], 0.5)[0]
 
 
-@pytest.mark.slow
 def test_an_office_is_rendered_and_read(tmp_path):
     data = as_localization_source(OfficeWalk(roots=[tmp_path], **OFFICE | {"metres": [3.0, 3.0]})).read()
     pictures = data.test[0].images[:]
