@@ -15,9 +15,9 @@ settings.load_profile("sextant")
 
 #: Files that share a trained run, which is made when it is first asked for: one worker runs them all.
 TOGETHER = {
-    "tests/test_localizer.py": "a run in the office",
+    "tests/applications/localization/test_localizer.py": "a run in the office",
     "tests/cli/test_predict_localization.py": "a run in the office",
-    "tests/tasks/test_cosfire.py": "a run on the digits",
+    "tests/tasks/cosfire/test_cosfire.py": "a run on the digits",
     "tests/cli/test_predict_cosfire.py": "a run on the digits",
 }
 
