@@ -7,7 +7,7 @@ from sextant.cli.execute import execute
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.classification import Classification
-from sextant.tracking.mirror import refill
+from sextant.tracking.refill import refill
 from sextant.tracking.store import open_store
 
 
