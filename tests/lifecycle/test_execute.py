@@ -121,6 +121,26 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(tmp_path, monk
     assert train_losses(whole) == train_losses(resumed)
 
 
+def test_the_training_time_of_a_resumed_run_counts_its_first_part(tmp_path, monkeypatch):
+    training_step = Classification.training_step
+
+    def interrupted_in_the_second_epoch(self, batch, batch_idx):
+        if self.trainer.current_epoch == 1:
+            raise KeyboardInterrupt
+        return training_step(self, batch, batch_idx)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Classification, "training_step", interrupted_in_the_second_epoch)
+        with pytest.raises(KeyboardInterrupt):
+            execute(quick_config(tmp_path, "tracking=none"))
+    (run,) = map(RunDirectory, (tmp_path / "runs" / "classification").glob("*-s0"))
+    first = run.state()["trained_s"]
+    assert first > 0
+    run.update_state({"trained_s": first + 1e6})
+    execute(quick_config(tmp_path, "tracking=none"))
+    assert run.results()["timing"]["fit_s"] > first + 1e6
+
+
 def test_an_interrupted_run_says_so_and_is_resumable(tmp_path, monkeypatch):
     def interrupt(self, batch, batch_idx):
         raise KeyboardInterrupt

@@ -7,7 +7,7 @@ from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.classification.module import Classification
-from sextant.tracking.mirror import refill
+from sextant.tracking.refill import refill
 from sextant.tracking.store import open_store
 
 

@@ -1,25 +1,32 @@
-"""``sextant dashboard``: MLflow on this machine, after its store was brought up to date with the run directories."""
+"""``sextant dashboard``: bring MLflow up to date with the run directories, and open it on this machine."""
 
-import os
 import socket
 import subprocess
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
 
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.console import console
+from sextant.cli.console import console, print_mistake
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.tracking.environment import quiet_libraries
 
-USAGE = "sextant dashboard [port=5000] [serve=true]"
+if TYPE_CHECKING:
+    from sextant.tracking.store import Store
+
+USAGE = "sextant dashboard [port=5000] [serve=true]\nsextant dashboard tracking=server tracking.uri=http://host:5000"
 KEYS = {
     "port": "first port to try on the loopback interface; the next free one is taken",
     "serve": "false only fills the store from the run directories",
     "outputs": "output folder, if not the default",
+    "tracking": "server: fill a server that runs elsewhere, and open none; sqlite: the embedded store",
+    "tracking.uri": "address of that server",
 }
 HOST = "127.0.0.1"
+LOOK_EVERY_S = 30.0
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -31,22 +38,65 @@ def main(arguments: Sequence[str]) -> None:
         outputs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"outputs={outputs} is not a folder that can be written to: {error.strerror}") from None
+    server = _server(given)
     port = _free_port(given.get("port", "5000"))
 
-    from sextant.tracking.mirror import refill
-    from sextant.tracking.store import open_store, sqlite_uri
-    from sextant.tracking.sweep_parent import refill_parents
+    from sextant.tracking.store import open_store, telling_store_errors
 
-    store = open_store("sqlite", None, outputs)
-    changed = refill(store, outputs, progress=lambda name: console.print(f"filling {name}"))
-    changed += refill_parents(store, outputs)
-    console.print(f"{changed} runs brought up to date" if changed else "the store is up to date")
-    if given.get("serve", "true") == "false":
+    if server is not None:
+        with telling_store_errors(server):
+            _fill(open_store("server", server, outputs), outputs)
         return
+    store = open_store("sqlite", None, outputs)
+    try:
+        _fill(store, outputs)
+    except UserError as error:  # what is there can be looked at
+        print_mistake(error)
+    if given.get("serve", "true") != "false":
+        _serve(store, outputs, port)
+
+
+def _server(given: Mapping[str, str]) -> str | None:
+    """The address of the server to fill, None for the embedded store."""
+    kind, uri = given.get("tracking", "sqlite"), given.get("tracking.uri")
+    if kind not in ("sqlite", "server"):
+        raise UserError(f"tracking={kind}: must be sqlite or server", USAGE)
+    if kind == "sqlite":
+        if uri is not None:
+            raise UserError(f"tracking.uri={uri} belongs to tracking=server", USAGE)
+        return None
+    if uri is None or not uri.startswith(("http://", "https://")):
+        raise UserError(
+            f"tracking.uri={uri or ''}: must be the address of the server, starting with http:// or https://",
+            "For example tracking=server tracking.uri=http://127.0.0.1:5000",
+        )
+    unused = [f"{key}={given[key]}" for key in ("port", "serve") if key in given]
+    if unused:
+        raise UserError(f"{unused[0]} belongs to tracking=sqlite: a server elsewhere is filled and not served", USAGE)
+    return uri
+
+
+def _fill(store: "Store", outputs: Path) -> None:
+    from sextant.tracking.refill import refill
+
+    changed = refill(store, outputs, progress=lambda name: console.print(f"filling {escape(name)}"))
+    console.print(f"{changed} runs brought up to date" if changed else "the store is up to date")
+
+
+def _serve(store: "Store", outputs: Path, port: int) -> None:
+    """Serve the embedded store, and look now and then whether runs died."""
+    from sextant.cli.terminal import TERMINAL
+    from sextant.tracking.refill import catch_up
+    from sextant.tracking.server import guarded, server_command
+
+    assert store.artifacts is not None
     console.print(f"[bold]http://{HOST}:{port}[/]  (Ctrl-C ends it)")
-    command = [sys.executable, "-m", "mlflow", "server", "--host", HOST, "--port", str(port), "--workers", "1"]
-    command += ["--backend-store-uri", sqlite_uri(outputs), "--artifacts-destination", (outputs / "artifacts").as_uri()]
-    subprocess.run(command, check=False, env=os.environ)
+    with guarded(server_command(HOST, port, store.uri, store.artifacts.as_uri())) as server:
+        while server.poll() is None:
+            try:
+                server.wait(LOOK_EVERY_S)
+            except subprocess.TimeoutExpired:
+                catch_up("sqlite", None, outputs, TERMINAL)
 
 
 def _free_port(first: str) -> int:

@@ -1,6 +1,7 @@
 """Running a sweep: only what is missing, with any launcher."""
 
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,8 +14,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sextant.cli.console import console
 from sextant.cli.sweep_plan import Planned, make_plan
+from sextant.cli.terminal import TERMINAL
 from sextant.cli.workers import announce_controller
 from sextant.config import Config
+from sextant.lifecycle.execute import fill_if_behind
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
 from sextant.runs.sweep_directory import SweepPlan, read_plan
@@ -37,13 +40,16 @@ def run_sweep(arguments: Sequence[str], launch: Launch) -> None:
     plan, planned, config = make_plan(arguments)
     outputs = Path(config.paths.outputs)
     with run_lock(outputs / "sweeps", plan.directory(outputs).name, wait=False):
-        _run_planned(plan, planned, config, outputs, launch)
+        plan = _run_planned(plan, planned, config, outputs, launch)
+    fill_if_behind(config, [RunDirectory(outputs / cell.run) for cell in plan.cells], TERMINAL)
+    _conclude(plan, outputs)
 
 
-def _run_planned(plan: SweepPlan, planned: list[Planned], config: Config, outputs: Path, launch: Launch) -> None:
+def _run_planned(plan: SweepPlan, planned: list[Planned], config: Config, outputs: Path, launch: Launch) -> SweepPlan:
     if (plan.directory(outputs) / "cells.json").exists():  # begun before: it keeps its parent run
-        plan = replace(plan, mlflow_runs=read_plan(plan.directory(outputs)).mlflow_runs)
-    directory = plan.write(outputs)
+        before = read_plan(plan.directory(outputs))
+        plan = replace(plan, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
+    plan.write(outputs)
     started: dict[str, Planned] = {}  # arms that read other answers of the same run share it
     for entry in planned:
         if not entry.finished:
@@ -52,15 +58,16 @@ def _run_planned(plan: SweepPlan, planned: list[Planned], config: Config, output
     runs = len({entry.cell.run for entry in planned})
     told = f"{len(planned)} runs planned" if runs == len(planned) else f"{len(planned)} cells of {runs} runs planned"
     console.print(f"[bold]{plan.name}[/]: {told}, {runs - len(missing)} finished already")
-    if missing:
-        plan = _run_missing(plan, missing, config, outputs, launch)
-    _conclude(plan, outputs, directory)
+    return _run_missing(plan, missing, config, outputs, launch) if missing else plan
 
 
 def _run_missing(plan: SweepPlan, missing: list[Planned], config: Config, outputs: Path, launch: Launch) -> SweepPlan:
     quiet = ["trainer.progress=false"]
     parent = None
+    plan = replace(plan, began=plan.began or time.time(), ended=0.0)
+    plan.write(outputs)
     if config.tracking.kind != "none":
+        from sextant.tracking.refill import catch_up
         from sextant.tracking.sweep_parent import open_parent
 
         experiment = config.tracking.experiment or config.task.name
@@ -69,23 +76,31 @@ def _run_missing(plan: SweepPlan, missing: list[Planned], config: Config, output
             plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
         plan.write(outputs)
         quiet.append(f"tracking.parent_run={parent.run_id}")
+        catch_up(config.tracking.kind, config.tracking.uri, outputs, TERMINAL)
     announce_controller()
     try:
         with _progress(missing, outputs):
             outcomes = launch([[*entry.overrides, *quiet] for entry in missing])
     except BaseException as error:
+        plan = _ended(plan, outputs)
         if parent is not None:
-            parent.status("KILLED" if isinstance(error, KeyboardInterrupt | SystemExit) else "FAILED")
+            killed = isinstance(error, KeyboardInterrupt | SystemExit)
+            parent.status("KILLED" if killed else "FAILED", plan.ended)
         raise
     failed = {
         entry.cell.run: outcome["message"]
         for entry, outcome in zip(missing, outcomes, strict=True)
         if outcome["outcome"] == "failed"
     }
-    plan = replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells])
-    plan.write(outputs)
+    plan = _ended(replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells]), outputs)
     if parent is not None:
-        parent.status("FAILED" if failed else "FINISHED")
+        parent.status("FAILED" if failed else "FINISHED", plan.ended)
+    return plan
+
+
+def _ended(plan: SweepPlan, outputs: Path) -> SweepPlan:
+    plan = replace(plan, ended=time.time())
+    plan.write(outputs)
     return plan
 
 
@@ -118,7 +133,7 @@ def _progress(missing: list[Planned], outputs: Path) -> Iterator[None]:
         watcher.join()
 
 
-def _conclude(plan: SweepPlan, outputs: Path, directory: Path) -> None:
+def _conclude(plan: SweepPlan, outputs: Path) -> None:
     outcomes: Counter[str] = Counter()
     for cell in plan.cells:
         results = RunDirectory(outputs / cell.run).results()
@@ -128,6 +143,6 @@ def _conclude(plan: SweepPlan, outputs: Path, directory: Path) -> None:
     for cell in plan.cells:
         if cell.message:
             console.print(f"[red]failed[/] {cell.setting} {cell.arm} seed {cell.seed}: {escape(cell.message)}")
-    console.print(f"report  python report.py sweep={directory.name}")
+    console.print(f"report  python report.py sweep={plan.directory(outputs).name}")
     if outcomes["failed"]:
         raise SystemExit(1)

@@ -2,7 +2,7 @@
 
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -132,11 +132,21 @@ def run_once(
     with run_lock(outputs / "runs" / key.task, key.name, wait):
         found = claim(outputs, key, config.reuse)
         results = found.directory.results()
-        if found.finished and results is not None:
-            message = str(results.get("message", ""))
-            return Outcome(results["outcome"], found.directory.path, reused=True, message=message)
-        check()
-        return _Run(found, key, raw, config, reporter).run(work, published)
+        if not found.finished or results is None:
+            check()
+            return _Run(found, key, raw, config, reporter).run(work, published)
+    if config.tracking.parent_run is None:
+        fill_if_behind(config, [found.directory], reporter)
+    return Outcome(results["outcome"], found.directory.path, reused=True, message=str(results.get("message", "")))
+
+
+def fill_if_behind(config: Config, directories: Iterable[RunDirectory], reporter: RunReporter = SILENT_RUN) -> None:
+    """Fill the tracking store if it did not get all of these runs; the lock of none of them may be held."""
+    notes = [directory.state().get("tracking") or {} for directory in directories]
+    if config.tracking.kind != "none" and not all(note.get("sent", True) for note in notes):
+        from sextant.tracking.refill import catch_up
+
+        catch_up(config.tracking.kind, config.tracking.uri, Path(config.paths.outputs), reporter)
 
 
 class _Run:
@@ -172,10 +182,20 @@ class _Run:
                 **asdict(self.key),
                 "experiment": self._experiment,
                 "started": earlier.get("started", time.time()),
+                "ended": None,
                 "failure": None,
+                "tracking": self._tracking_note(earlier.get("tracking")),
                 "params": _flat({k: v for k, v in self.raw.items() if k not in ("paths", "tracking", "sweep")}),
             }
         )
+
+    def _tracking_note(self, earlier: Mapping[str, Any] | None) -> dict[str, Any] | None:
+        """Where this run is mirrored, or was when it was begun, for whoever finds later that not all of it was."""
+        tracking = self.config.tracking
+        if tracking.kind == "none":
+            return {**earlier, "sent": False} if earlier else None
+        names = ("kind", "uri", "parent_run", "log_checkpoint")
+        return {name: getattr(tracking, name) for name in names} | {"sent": False}
 
     def _open_mirror(self) -> "MirroredRun | None":
         from sextant.runs.provenance import provenance
@@ -185,16 +205,27 @@ class _Run:
         if tracking.kind == "none":
             return None
         from sextant.tracking.mirror import open_mirror
+        from sextant.tracking.refill import catch_up
         from sextant.tracking.store import open_store, telling_store_errors
 
-        with telling_store_errors(tracking.uri):
-            store = open_store(tracking.kind, tracking.uri, Path(self.config.paths.outputs))
-            self.mirror = open_mirror(
-                store,
-                self.directory,
-                experiment=self._experiment,
-                parent=tracking.parent_run,
-            )
+        outputs = Path(self.config.paths.outputs)
+        try:
+            with telling_store_errors(tracking.uri):
+                store = open_store(tracking.kind, tracking.uri, outputs)
+                self.mirror = open_mirror(
+                    store,
+                    self.directory,
+                    experiment=self._experiment,
+                    parent=tracking.parent_run,
+                    reporter=self.reporter,
+                )
+        except UserError as error:
+            if tracking.parent_run is None:
+                raise
+            self.reporter.say(f"{error.problem}; this run of the sweep goes on without")
+            return None
+        if tracking.parent_run is None:  # of a sweep, whoever started it has done this
+            catch_up(tracking.kind, tracking.uri, outputs, self.reporter)
         return self.mirror
 
     @contextmanager
@@ -230,8 +261,10 @@ class _Run:
             self.reporter.say(f"could not note the end of the run: {error}")
         if self.mirror is not None:
             from sextant.tracking.mirror import finish_mirror
+            from sextant.tracking.refill import send_again
 
-            finish_mirror(self.mirror, self.directory, status, checkpoint=self.config.tracking.log_checkpoint)
+            if not finish_mirror(self.mirror, self.directory, status):
+                send_again(self.mirror.store, self.directory)
 
 
 def execute_cell(raw: Mapping[str, Any], reporter: RunReporter = SILENT_RUN) -> dict[str, Any]:

@@ -55,7 +55,9 @@ def train_and_test(
         checkpoint = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").checkpoint
         load_weights(module, read_trained(checkpoint), checkpoint)
     logger = RunLogger(directory, mirror)
-    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key)]
+    resume = directory.last_checkpoint if directory.last_checkpoint.is_file() else None
+    clock = _Clock(directory, began, resumed=resume is not None)
+    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key), clock]
     if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
     callbacks.append(_every_epoch(directory))
@@ -65,13 +67,12 @@ def train_and_test(
 
     monitor = mirror if config.tracking.system_metrics else None
     with naming_groups(raw), system_metrics(monitor, config.tracking.system_metrics_every_s):
-        resume = directory.last_checkpoint if directory.last_checkpoint.is_file() else None
         trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         if trainer.interrupted:
             raise KeyboardInterrupt
-        fitted = time.monotonic()
+        fitted, fit_s = time.monotonic(), clock.seconds()
         results = _test(trainer, module, data, config, directory, recipe)
-    return _write_results(results, directory, key, fit_s=fitted - began, test_s=time.monotonic() - fitted)
+    return _write_results(results, directory, key, fit_s=fit_s, test_s=time.monotonic() - fitted)
 
 
 def test_checkpoint(
@@ -198,6 +199,25 @@ class _EpochSeed(Callback):
 
     def on_train_epoch_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         torch.manual_seed(self.seed * 1_000_003 + trainer.current_epoch)
+
+
+class _Clock(Callback):
+    """Seconds of training, over the parts of a run that was resumed; noted beside the checkpoint of every epoch.
+
+    They are no part of the checkpoint, whose hash says what was learnt. What a part computed after its last whole epoch
+    is computed again by the next, and counts once.
+    """
+
+    def __init__(self, directory: RunDirectory, began: float, *, resumed: bool):
+        self._directory, self._began = directory, began
+        self._before = float(directory.state().get("trained_s") or 0.0) if resumed else 0.0
+
+    def seconds(self) -> float:
+        """Until now."""
+        return self._before + time.monotonic() - self._began
+
+    def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        self._directory.update_state({"trained_s": self.seconds()})
 
 
 class _Provenance(Callback):

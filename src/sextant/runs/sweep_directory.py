@@ -51,6 +51,8 @@ class SweepPlan:
         mlflow_runs: the parent runs that mirror or mirrored it, the newest last.
         tracking: kind and address of the store they are in.
         started: when it was last run, in seconds since 1970.
+        began: when its first run was started; 0 if none was yet.
+        ended: when its last run had ended; 0 while they run, and if it was killed.
     """
 
     name: str
@@ -60,6 +62,8 @@ class SweepPlan:
     mlflow_runs: list[str] = field(default_factory=list)
     tracking: dict[str, str | None] = field(default_factory=dict)
     started: float = 0.0
+    began: float = 0.0
+    ended: float = 0.0
 
     @property
     def digest(self) -> str:

@@ -6,12 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from rich.console import Console
-
-from sextant.runs.directory import RunDirectory, all_runs
+from sextant.reporter import SILENT, Reporter
+from sextant.runs.directory import RunDirectory
 from sextant.runs.history import read_history
-from sextant.runs.locks import LockedError, run_lock
-from sextant.tracking.store import Store
+from sextant.tracking.store import Store, how_to_fill
 
 Status = Literal["RUNNING", "FINISHED", "FAILED", "KILLED"]
 PARENT = "mlflow.parentRunId"
@@ -27,15 +25,17 @@ class MirroredRun:
     Args:
         store: where.
         run_id: an open MLflow run.
-        console: where a failure is told.
+        reporter: hears of a failure.
+
+    Attributes:
+        broken: the store failed, and may lack any of what was sent since.
     """
 
-    def __init__(self, store: Store, run_id: str, console: Console | None = None):
-        self.store, self.run_id = store, run_id
-        self.console = console or Console(stderr=True)
+    def __init__(self, store: Store, run_id: str, reporter: Reporter = SILENT):
+        self.store, self.run_id, self.reporter = store, run_id, reporter
         self._pending: list[tuple[str, float, int, int]] = []
         self._flushed = time.monotonic()
-        self._broken = False
+        self.broken = False
 
     def log(self, metrics: Mapping[str, float], step: int, time_ms: int) -> None:
         """Note metrics; they are sent together, every two seconds or so."""
@@ -69,12 +69,17 @@ class MirroredRun:
         self._try(lambda: self.store.client.log_batch(self.run_id, tags=entries))
 
     def params(self, params: Mapping[str, Any]) -> None:
-        """Log parameters; those that the run has already stay as they are."""
+        """Log parameters; those that the run has already stay as they are: MLflow refuses to change one."""
+        self._try(lambda: self._missing_params(params))
+
+    def _missing_params(self, params: Mapping[str, Any]) -> None:
         from mlflow.entities import Param
 
-        entries = [Param(name, str(value)[:6000]) for name, value in params.items()]
+        client = self.store.client
+        known = client.get_run(self.run_id).data.params
+        entries = [Param(name, str(value)[:6000]) for name, value in params.items() if name not in known]
         for start in range(0, len(entries), 100):
-            self._try(partial(self.store.client.log_batch, self.run_id, params=entries[start : start + 100]))
+            client.log_batch(self.run_id, params=entries[start : start + 100])
 
     def status(self, status: Status, ended: float | None = None) -> None:
         """Send what was noted and set the run's status; ``ended`` is when it ended, in seconds since 1970."""
@@ -82,44 +87,52 @@ class MirroredRun:
         if status == "RUNNING":
             self._try(lambda: self.store.client.update_run(self.run_id, status=status))
         else:
-            end_time = None if ended is None else int(1000 * ended)
+            end_time = None if ended is None else milliseconds(ended)
             self._try(lambda: self.store.client.set_terminated(self.run_id, status=status, end_time=end_time))
 
     def _try(self, call: Callable[[], object]) -> None:
-        if self._broken:
+        if self.broken:
             return
         try:
             call()
         except Exception as error:  # whatever the store raises, the run directory has everything
-            self._broken = True
+            self.broken = True
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            self.console.print(
-                f"[yellow]The tracking store failed and is left alone for the rest of this run ({reason}). "
-                "Nothing is lost: `make dashboard` fills it from the run directories.[/]"
+            self.reporter.say(
+                f"The tracking store failed and is left alone for now ({reason}). "
+                f"Nothing is lost: the next run that logs there fills it from the run directories, "
+                f"and so does {how_to_fill(self.store)}"
             )
 
 
 def open_mirror(
-    store: Store, directory: RunDirectory, *, experiment: str, parent: str | None = None, console: Console | None = None
+    store: Store,
+    directory: RunDirectory,
+    *,
+    experiment: str,
+    parent: str | None = None,
+    reporter: Reporter = SILENT,
 ) -> MirroredRun:
     """The MLflow run of a run directory: the one it had before if the store still has it, or a new one.
 
-    A run that crashed between the making of its MLflow run and the note of it is found by its tag.
+    A run that crashed between the making of its MLflow run and the note of it is found by its tag and its start: other
+    output folders may log a run of the same name to the same server.
     """
     state, name = directory.state(), directory.path.name
     key = f"{directory.path.parent.name}/{name}"
+    started = milliseconds(state.get("started", time.time()))
     experiment_id = store.experiment_id(experiment)
     run_id = known_run(store, directory.tracking_ids())
     if run_id is None:
-        found = store.client.search_runs([experiment_id], f"tags.`sextant.run` = '{key}'", max_results=1)
+        query = f"tags.`sextant.run` = '{key}' and attributes.start_time = {started}"
+        found = store.client.search_runs([experiment_id], query, max_results=1)
         run_id = found[0].info.run_id if found else None
     if run_id is None:
         tags = {"mlflow.runName": name, "sextant.run": key, **_provenance_tags(state)}
-        started = int(1000 * state.get("started", time.time()))
         run_id = store.client.create_run(experiment_id, start_time=started, tags=tags, run_name=name).info.run_id
     if run_id not in directory.tracking_ids():
         directory.update_state({"mlflow_runs": [*directory.tracking_ids(), run_id]})
-    mirror = MirroredRun(store, run_id, console)
+    mirror = MirroredRun(store, run_id, reporter)
     mirror.params(state.get("params", {}))
     if parent is not None:
         mirror.tags({PARENT: parent})
@@ -129,75 +142,64 @@ def open_mirror(
     return mirror
 
 
-def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status, *, checkpoint: bool) -> None:
-    """Send final metrics and artifacts of a run directory, and set the status."""
-    results = directory.results()
+def finish_mirror(mirror: MirroredRun, directory: RunDirectory, status: Status) -> bool:
+    """Send final metrics and artifacts of a run directory, and set the status.
+
+    Whether all of it got there is returned, and noted in the run's state if it logs to this store.
+    """
+    note = note_of(directory, mirror.store)
+    results, ended = directory.results(), ended_at(directory)
     if results is not None:
-        step, when = int(results.get("steps", 0)), int(1000 * directory.state().get("ended", time.time()))
+        step = int(results.get("steps", 0))
         logged = {name for line in read_history(directory.history) if line["step"] == step for name in line["metrics"]}
         final = {name: value for name, value in results["metrics"].items() if value is not None}
-        mirror.log({name: value for name, value in final.items() if name not in logged}, step, when)
+        mirror.log({name: value for name, value in final.items() if name not in logged}, step, milliseconds(ended))
         mirror.tags({"sextant.outcome": str(results["outcome"])})
     failure = directory.state().get("failure")
     if failure:
         mirror.tags({"sextant.failure": str(failure)})
     for path in (directory.config, directory.metrics, directory.figures, directory.path / "trajectories"):
         mirror.artifacts(path)
-    if checkpoint:
+    if note is not None and note["log_checkpoint"]:
         mirror.artifacts(directory.checkpoints)
-    mirror.status(status, directory.state().get("ended"))
+    mirror.status(status, ended)
+    if note is not None:
+        directory.update_state({"tracking": {**note, "sent": not mirror.broken}})
+    return not mirror.broken
 
 
-def refill(store: Store, outputs: Path, *, progress: Callable[[str], None] = lambda _: None) -> int:
-    """Bring a store up to date with the run directories: missing runs are made again, dead ones marked KILLED.
-
-    Runs that another process is at work on are left to it.
-
-    Returns:
-        How many runs were made or mended.
-    """
-    changed = 0
-    for directory in all_runs(outputs):
-        state = directory.state()
-        base = f"{str(state.get('digest'))[:8]}-s{state.get('seed')}"
-        try:
-            with run_lock(directory.path.parent, base, wait=False):
-                changed += _refill_one(store, directory, progress)
-        except LockedError:
-            continue
-    return changed
+def note_of(directory: RunDirectory, store: Store) -> dict[str, Any] | None:
+    """What a run directory says of its tracking, if it logs to this store; ``sent``: the store has all of it."""
+    note = directory.state().get("tracking")
+    return note if note and store.is_at(note["kind"], note["uri"]) else None
 
 
-def _refill_one(store: Store, directory: RunDirectory, progress: Callable[[str], None]) -> bool:
-    state, status = directory.state(), _status(directory)
-    known = known_run(store, directory.tracking_ids())
-    if known is not None:
-        whole = bool(store.client.list_artifacts(known))
-        if whole and store.client.get_run(known).info.status == status:
-            return False
-    progress(f"{directory.path.parent.name}/{directory.path.name}")
-    mirror = open_mirror(store, directory, experiment=str(state.get("experiment", directory.path.parent.name)))
-    finish_mirror(mirror, directory, status, checkpoint=False)
-    return True
+def ended_at(directory: RunDirectory) -> float:
+    """When a run ended, in seconds since 1970; of one that was killed, the last that it wrote into its history."""
+    state = directory.state()
+    if state.get("ended"):
+        return float(state["ended"])
+    last = [line["time_ms"] / 1000 for line in read_history(directory.history)][-1:]
+    return float(max([*last, state.get("started", time.time())]))
 
 
-def _status(directory: RunDirectory) -> Status:
-    failure = directory.state().get("failure")
-    if failure not in (None, "interrupted"):
-        return "FAILED"
-    return "FINISHED" if directory.results() is not None else "KILLED"
+def milliseconds(seconds: float) -> int:
+    """MLflow's unit of time."""
+    return int(1000 * seconds)
 
 
-def known_run(store: Store, run_ids: list[str]) -> str | None:
-    """The newest of these MLflow runs that the store still has."""
+def known_run(store: Store, run_ids: list[str], *, deleted: bool = False) -> str | None:
+    """The newest of these MLflow runs that the store still has; ``deleted`` counts those that a user deleted in it."""
     from mlflow.exceptions import MlflowException
 
     for run_id in reversed(run_ids):
         try:
             run = store.client.get_run(run_id)
-        except MlflowException:
+        except MlflowException as error:
+            if error.error_code != "RESOURCE_DOES_NOT_EXIST":  # a store that does not answer may well have it
+                raise
             continue
-        if run.info.lifecycle_stage == "active":
+        if deleted or run.info.lifecycle_stage == "active":
             return run_id
     return None
 

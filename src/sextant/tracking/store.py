@@ -34,6 +34,12 @@ class Store:
     uri: str
     artifacts: Path | None
 
+    def is_at(self, kind: str | None, uri: str | None) -> bool:
+        """Whether it is the store that the keys ``tracking.kind`` and ``tracking.uri`` name."""
+        if self.artifacts is not None:
+            return kind == "sqlite"
+        return kind == "server" and (uri or "").rstrip("/") == self.uri.rstrip("/")
+
     def experiment_id(self, name: str) -> str:
         """The id of an experiment, made if it is not there; two processes may ask at once."""
         from mlflow.exceptions import MlflowException
@@ -92,6 +98,13 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
                 "Move it away: it is a mirror, and `make dashboard` fills a new one from the run directories.",
             ) from None
     return Store(client, uri, artifacts)
+
+
+def how_to_fill(store: Store) -> str:
+    """The command that brings a store up to date with the run directories."""
+    if store.artifacts is not None:
+        return "sextant dashboard"
+    return f"sextant dashboard tracking=server tracking.uri={store.uri}"
 
 
 @contextmanager

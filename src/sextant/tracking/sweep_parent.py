@@ -1,13 +1,14 @@
 """The MLflow run that stands for a sweep; its cells are its children."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
 from sextant.runs.sweep_directory import SweepPlan, read_plan
-from sextant.tracking.mirror import PARENT, MirroredRun, Status, known_run
-from sextant.tracking.store import Kind, Store, open_store, telling_store_errors
+from sextant.tracking.mirror import PARENT, MirroredRun, Status, ended_at, known_run, milliseconds
+from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 
 
 def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, experiment: str) -> MirroredRun:
@@ -15,20 +16,25 @@ def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, exp
 
     A sweep that was begun before keeps its parent.
     """
-    store = open_store(kind, uri, outputs)
-    experiment_id = store.experiment_id(experiment)
-    key = plan.directory(outputs).name
-    found = store.client.search_runs([experiment_id], f"tags.`sextant.sweep` = '{key}'", max_results=1)
-    known = MirroredRun(store, found[0].info.run_id) if found else None
-    mirror = known or _make_parent(store, experiment_id, plan, outputs)
+    with telling_store_errors(uri):
+        store = open_store(kind, uri, outputs)
+        mirror = _find_or_make(store, store.experiment_id(experiment), plan, outputs)
     mirror.status("RUNNING")
     return mirror
 
 
-def _make_parent(store: Store, experiment_id: str, plan: SweepPlan, outputs: Path) -> MirroredRun:
-    key = plan.directory(outputs).name
+def _find_or_make(store: Store, experiment_id: str, plan: SweepPlan, outputs: Path) -> MirroredRun:
+    known = known_run(store, plan.mlflow_runs)
+    if known is not None:
+        return MirroredRun(store, known)
+    key, began = plan.directory(outputs).name, milliseconds(_began(plan, outputs))
+    query = f"tags.`sextant.sweep` = '{key}' and attributes.start_time = {began}"
+    found = store.client.search_runs([experiment_id], query, max_results=1)  # made, and killed before the note of it
+    if found:
+        return MirroredRun(store, found[0].info.run_id)
     tags = {"mlflow.runName": key, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
-    return MirroredRun(store, store.client.create_run(experiment_id, tags=tags, run_name=key).info.run_id)
+    made = store.client.create_run(experiment_id, start_time=began, tags=tags, run_name=key)
+    return MirroredRun(store, made.info.run_id)
 
 
 def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
@@ -41,45 +47,74 @@ def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
         MirroredRun(store, parent).artifacts(report)
 
 
-def refill_parents(store: Store, outputs: Path) -> int:
-    """Make the parent runs again that a store lacks, and tie their cells to them.
+def refill_parents(
+    store: Store, outputs: Path, changed: Sequence[RunDirectory] = (), *, all_of_them: bool = True
+) -> int:
+    """Make the parent runs again that a store lacks, end those that nothing runs, and tie cells to them.
+
+    Args:
+        store: where.
+        outputs: output folder with the sweeps.
+        changed: run directories whose MLflow runs may have been made anew.
+        all_of_them: false looks only at sweeps that log to this store.
 
     Returns:
         How many were made or ended.
     """
-    made = 0
+    mended = 0
     for file in sorted(outputs.glob("sweeps/*/cells.json")):
-        plan = read_plan(file.parent)
-        runs = [RunDirectory(outputs / cell.run) for cell in plan.cells]
-        known = known_run(store, plan.mlflow_runs)
-        if known is not None:
-            made += _end_if_dead(store, known, outputs, file.parent.name, runs)
-        if known is not None or not plan.mlflow_runs:
+        tracking = read_plan(file.parent).tracking
+        if not (all_of_them or store.is_at(tracking.get("kind"), tracking.get("uri"))):
             continue
-        state = next((run.state() for run in runs if run.state()), {})
-        parent = _make_parent(store, store.experiment_id(str(state.get("experiment", "sweeps"))), plan, outputs)
-        replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id]).write(outputs)
-        for run in runs:
-            child = known_run(store, run.tracking_ids())
-            if child is not None:
-                MirroredRun(store, child).tags({PARENT: parent.run_id})
-        parent.artifacts(file.parent / "report")
-        parent.status(_status(runs))
-        made += 1
-    return made
+        try:
+            with run_lock(outputs / "sweeps", file.parent.name, wait=False):
+                plan = read_plan(file.parent)
+                if all_of_them or not _deleted(store, plan):
+                    mended += _mend(store, outputs, plan, file.parent / "report", changed)
+        except LockedError:
+            continue
+    return mended
 
 
-def _end_if_dead(store: Store, parent: str, outputs: Path, name: str, runs: list[RunDirectory]) -> bool:
-    """Set the status of a parent that is RUNNING although no process runs its sweep."""
-    if store.client.get_run(parent).info.status != "RUNNING":
+def _mend(store: Store, outputs: Path, plan: SweepPlan, report: Path, changed: Sequence[RunDirectory]) -> bool:
+    """Whether the parent had to be made again, or to be ended: it is RUNNING although no process runs its sweep."""
+    if not plan.mlflow_runs:
         return False
-    try:
-        with run_lock(outputs / "sweeps", name, wait=False):
-            MirroredRun(store, parent).status(_status(runs))
-    except LockedError:
-        return False
-    return True
+    runs = [RunDirectory(outputs / cell.run) for cell in plan.cells]
+    known = known_run(store, plan.mlflow_runs)
+    if known is None:
+        experiment = next((run.state()["experiment"] for run in runs if "experiment" in run.state()), "sweeps")
+        parent = _find_or_make(store, store.experiment_id(str(experiment)), plan, outputs)
+        plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
+        plan.write(outputs)
+        parent.artifacts(report)
+    else:
+        parent = MirroredRun(store, known)
+    for run in runs if known is None else [run for run in runs if run in changed]:
+        begun_by = (run.state().get("tracking") or {}).get("parent_run")
+        child = known_run(store, run.tracking_ids())
+        if child is not None and (begun_by is None or begun_by in plan.mlflow_runs):
+            MirroredRun(store, child).tags({PARENT: parent.run_id})
+    ended = known is None or store.client.get_run(known).info.status == "RUNNING"
+    if ended:
+        parent.status(_status(plan, runs), plan.ended or max(map(ended_at, runs)))
+    if parent.broken and store.artifacts is None:
+        require_server(store.uri)
+    return ended
 
 
-def _status(runs: list[RunDirectory]) -> Status:
-    return "FINISHED" if all(run.results() is not None for run in runs) else "KILLED"
+def _deleted(store: Store, plan: SweepPlan) -> bool:
+    """Whether a user deleted the parent in the store, where it can be restored."""
+    return known_run(store, plan.mlflow_runs) is None and known_run(store, plan.mlflow_runs, deleted=True) is not None
+
+
+def _began(plan: SweepPlan, outputs: Path) -> float:
+    """When a sweep began; of those that were run before this was noted, when its first run did."""
+    states = [RunDirectory(outputs / cell.run).state() for cell in plan.cells]
+    return plan.began or min((state["started"] for state in states if "started" in state), default=plan.started)
+
+
+def _status(plan: SweepPlan, runs: list[RunDirectory]) -> Status:
+    if all(run.results() is not None for run in runs):
+        return "FINISHED"
+    return "FAILED" if any(cell.message for cell in plan.cells) else "KILLED"

@@ -1,0 +1,81 @@
+"""MLflow's server, which ends when whoever started it does, however that ends.
+
+Between the two stands a guard, a process that nothing sent to a terminal or a process group reaches. It reads from a
+pipe whose other end only the starter holds: the system closes that when the starter ends, and the guard then ends all
+that it started. A signal of the system at a parent's death (``PR_SET_PDEATHSIG``) would reach the server alone and none
+of its workers.
+"""
+
+import ctypes
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+
+import psutil
+
+PR_SET_CHILD_SUBREAPER = 36
+PATIENCE_S = 5.0
+#: Jobs of language models: three processes more, of no use here.
+WITHOUT_JOBS = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
+
+
+def server_command(host: str, port: int, database: str, artifacts: str) -> list[str]:
+    """The command that serves a database of MLflow's and a folder of artifacts, both given as addresses."""
+    return [
+        *(sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port), "--workers", "1"),
+        *("--backend-store-uri", database, "--artifacts-destination", artifacts),
+    ]
+
+
+@contextmanager
+def guarded(command: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
+    """Run a command while the block runs; it ends with all that it started when the block or this process ends.
+
+    Yields:
+        The guard; it ends when the command does, with its status.
+    """
+    guard = subprocess.Popen(
+        [sys.executable, "-m", __name__, *command],
+        stdin=subprocess.PIPE,
+        start_new_session=True,
+        env={**WITHOUT_JOBS, **os.environ},
+    )
+    assert guard.stdin is not None
+    try:
+        yield guard
+    finally:
+        guard.stdin.close()
+        guard.wait()
+
+
+def main(command: Sequence[str]) -> int:
+    """Be the guard of a command until it ends or standard input does."""
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)  # whose parent dies becomes ours, and is found below
+    child = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+
+    def watch() -> None:
+        while os.read(sys.stdin.fileno(), 1):
+            pass
+        _end_all()
+
+    threading.Thread(target=watch, daemon=True).start()
+    status = child.wait()
+    _end_all()
+    return status
+
+
+def _end_all() -> None:
+    """End every descendant of this process; those that do not heed the request are killed."""
+    while descendants := psutil.Process().children(recursive=True):
+        for send in ("terminate", "kill"):
+            for process in descendants:
+                with suppress(psutil.NoSuchProcess):
+                    getattr(process, send)()
+            descendants = psutil.wait_procs(descendants, PATIENCE_S)[1]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,65 @@
+"""The guard of MLflow's server."""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+from support import heeds_ctrl_c
+
+STARTER = """
+import sys
+from sextant.tracking.server import guarded
+with guarded(sys.argv[1:]) as guard:
+    guard.wait()
+"""
+#: A process, one in a session of its own, and one that heeds no request to end.
+FAMILY = "setsid sleep 1000 & sh -c 'trap \"\" TERM HUP; while :; do sleep 1000; done' & wait"
+
+
+def descendants_of(process, number, still=lambda: True):
+    """Wait until a process has so many descendants."""
+    deadline = time.monotonic() + 120
+    while len(found := psutil.Process(process.pid).children(recursive=True)) < number or not still():
+        assert time.monotonic() < deadline, found
+        assert process.poll() is None
+        time.sleep(0.05)
+    return found
+
+
+@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGKILL, signal.SIGHUP, signal.SIGINT])
+def test_all_that_was_started_ends_with_its_starter(sent):
+    starter = subprocess.Popen(
+        [sys.executable, "-c", STARTER, "sh", "-c", FAMILY], preexec_fn=heeds_ctrl_c, stderr=subprocess.DEVNULL
+    )
+    family = descendants_of(starter, 5)  # guard, shell, sleep, inner shell, its sleep
+    starter.send_signal(sent)
+    starter.wait(60)
+    assert psutil.wait_procs(family, timeout=60)[1] == []
+
+
+def test_a_server_that_ends_by_itself_is_told():
+    command = [sys.executable, "-c", STARTER + "print(guard.returncode)", "sh", "-c", "exit 3"]
+    assert subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, timeout=60).stdout == "3\n"
+
+
+@pytest.mark.slow
+def test_a_killed_dashboard_leaves_no_server(tmp_path):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    code = "import sys; from sextant.cli import run; run('dashboard', sys.argv[1:])"
+    dashboard = subprocess.Popen([sys.executable, "-c", code, f"outputs={tmp_path}", f"port={port}"])
+
+    def listening():
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", port)) == 0
+
+    family = descendants_of(dashboard, 2, listening)
+    dashboard.kill()
+    dashboard.wait()
+    assert psutil.wait_procs(family, timeout=60)[1] == []
+    assert not listening()
