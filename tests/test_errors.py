@@ -27,7 +27,7 @@ def test_arguments_become_keys_of_their_group_and_nothing_else_does():
     )
     assert type(error) is UserError
     assert error.problem == "recovery.top=0 must be at least 1 (stop=0, a.top=3)"
-    assert error.fix == "Say recovery.top=10"
+    assert error.fix == "For example recovery.top=10"
 
 
 def test_what_is_built_of_a_config_is_refused_in_its_terms():

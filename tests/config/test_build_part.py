@@ -53,3 +53,9 @@ def test_a_path_that_leads_nowhere_is_told(path):
 
 def test_a_name_within_a_class_is_found():
     assert build_part({"_target_": "datetime.datetime.fromisoformat"} | {"_partial_": True}).func("2000-01-02").day == 2
+
+
+@pytest.mark.parametrize("path", ["os.system", "torch.os.system", "subprocess.Popen", "builtins.eval", "pickle.loads"])
+def test_what_runs_programs_or_code_is_refused_by_whatever_path(path):
+    with pytest.raises(ImportError, match=f"{path} is refused"):
+        build_part({"_target_": path})

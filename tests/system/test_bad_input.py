@@ -43,12 +43,18 @@ MISTAKES = {
     "printed config without a value": (["dataset=image_folder", "--cfg=job"], "dataset.folder has no default"),
     "shell as a backbone": (
         ["backbone._target_=os.system"],
-        "backbone._target_=os.system: Target 'os.system' is block",
+        "backbone._target_=os.system: os.system is refused: it runs programs",
     ),
-    "missing module": (["backbone._target_=gone.Network"], "backbone._target_=gone.Network: Error loading 'gone.Net"),
-    "missing name": (["optimizer._target_=sextant.Gone"], "optimizer._target_=sextant.Gone: Error loading"),
+    "missing module": (
+        ["backbone._target_=gone.Network"],
+        "backbone._target_=gone.Network: gone.Network: there is no such module",
+    ),
+    "missing name": (
+        ["optimizer._target_=sextant.Gone"],
+        "optimizer._target_=sextant.Gone: sextant.Gone: sextant has no Gone",
+    ),
     "missing module in a sweep": (["-m", "seed=0,1", "loss._target_=gone.Loss", "task=calibration"], "loss._target_"),
-    "nothing to call": (["backbone._target_=math.pi"], "backbone._target_=math.pi: Expected a callable target"),
+    "nothing to call": (["backbone._target_=math.pi"], "backbone._target_=math.pi is no class or function"),
     "batch larger than the data": (
         ["trainer.batch_size=1000000"],
         "trainer.batch_size=1000000: dataset=digits has 1,294 images to train on",

@@ -255,7 +255,7 @@ def _classify(
 
     from sextant.runs.checkpoint import KEY
     from sextant.trained.content import own_config
-    from sextant.trained.networks import image_spec
+    from sextant.trained.image_spec import image_spec
 
     spec = image_spec(content[KEY]["spec"])
     if spec.height != spec.width:

@@ -7,29 +7,11 @@ from typing import Any
 
 TARGET, PARTIAL = "_target_", "_partial_"
 #: modules whose functions no config may call, by whatever path they are reached
-REFUSED = frozenset(
-    [
-        "builtins",
-        "code",
-        "codeop",
-        "ctypes",
-        "importlib",
-        "marshal",
-        "multiprocessing",
-        "nt",
-        "os",
-        "pickle",
-        "posix",
-        "pty",
-        "runpy",
-        "shutil",
-        "signal",
-        "socket",
-        "subprocess",
-        "sys",
-        "webbrowser",
-    ]
-)
+REFUSED = frozenset({
+    "_io", "_pickle", "code", "codeop", "ctypes", "importlib", "io", "marshal", "multiprocessing", "nt", "os", "pickle",
+    "posix", "pty", "runpy", "shutil", "signal", "socket", "subprocess", "sys", "webbrowser",
+})  # fmt: skip
+REFUSED_BUILTINS = frozenset(f"builtins.{name}" for name in ("__import__", "breakpoint", "compile", "eval", "exec"))
 #: where parts are today whose import paths configs of stored runs hold; configs, and so digests, keep the old path
 MOVED = {
     "sextant.cli.descriptors.TrainedDescriptor": "sextant.recipes.descriptors.TrainedDescriptor",
@@ -81,7 +63,10 @@ def named(path: str) -> Any:
             if not hasattr(found, name):
                 raise ImportError(f"{path}: {module} has no {'.'.join(parts[length:])}")
             found = getattr(found, name)
-        if {module.split(".")[0], str(getattr(found, "__module__", "")).split(".")[0]} & REFUSED:
+        if (
+            path in REFUSED_BUILTINS
+            or {module.split(".")[0], str(getattr(found, "__module__", "")).split(".")[0]} & REFUSED
+        ):
             raise ImportError(f"{path} is refused: it runs programs or code, or changes files, and makes no part")
         return found
     raise ImportError(f"{path}: there is no such module")

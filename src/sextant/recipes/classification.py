@@ -10,7 +10,7 @@ from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset, build_suite, build_training, conditions_name
 from sextant.recipes.recipe import Recipe, Source, TestRecord
-from sextant.trained.networks import classifier, image_spec
+from sextant.trained.image_spec import image_spec
 
 if TYPE_CHECKING:
     from sextant.data.datamodule import ImageData
@@ -81,6 +81,7 @@ class ClassificationRecipe(Recipe):
     def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "Classification":
         """The classification module."""
         from sextant.tasks.classification.module import Classification
+        from sextant.trained.networks import classifier
 
         network = classifier(raw, spec)
         return Classification(network, image_spec(spec), build_suite(raw), **build_training(raw, training))

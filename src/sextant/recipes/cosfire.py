@@ -16,7 +16,7 @@ from sextant.recipes.cosfire_parts import describing, features_of_run, make_filt
 from sextant.recipes.descriptors import descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 from sextant.runs.resolve import resolve_run
-from sextant.trained.networks import image_spec
+from sextant.trained.image_spec import image_spec
 
 if TYPE_CHECKING:
     from sextant.data.examples import ExampleData

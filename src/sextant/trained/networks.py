@@ -8,19 +8,14 @@ from typing import Any
 from torch import nn
 
 from sextant.config.building import build
-from sextant.data.source import ImageSpec
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY
 from sextant.tasks.places.network import place_network
 from sextant.trained.content import load_weights
+from sextant.trained.image_spec import image_spec
 
 #: tasks whose networks are built here
 TASKS = ("classification", "place_recognition")
-
-
-def image_spec(spec: Mapping[str, Any]) -> ImageSpec:
-    """Shape and classes of the images that a model was trained on."""
-    return ImageSpec(spec["channels"], spec["height"], spec["width"], tuple(spec["classes"]))
 
 
 def classifier(raw: Mapping[str, Any], spec: Mapping[str, Any]) -> nn.Module:
