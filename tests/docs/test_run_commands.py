@@ -1,0 +1,143 @@
+"""Commands of README and docs that are run, smaller than they are told, and why the others are not."""
+
+import re
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from data.places.place_pictures import picture
+from docs_commands import ROOT, documented
+from PIL import Image
+from support import QUICK as QUICK_CLASSIFIER
+from tiny_digits import PLAIN
+from tiny_digits import QUICK as QUICK_FILTERS
+from tiny_office import OFFICE
+from tiny_office import QUICK as QUICK_LOCALIZER
+
+from sextant import cli
+
+ONCE = ("trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=none")
+FRAMES = ("dataset.height=16", "dataset.width=24", "descriptor.dimensions=8", "task.starts=2", "task.horizon=15")
+POSES = "dataset=pose_folder dataset.folder=<folder> dataset.map=map 'dataset.test={run: run}'"
+PROTOTYPE = "prototype=photo.jpg point=310,190 input=<folder> output=<folder>"
+#: what is run, with what makes it quick, and what it prints; ``<run>`` is the classifier of the first
+RUN = {
+    "python train.py task=classification inhibition=push_pull": (ONCE, "test/accuracy/clean"),
+    "python train.py backbone=lenet_b optimizer.lr=0.01": (ONCE, "test/accuracy/clean"),
+    "python train.py dataset=image_folder dataset.folder=/path": ((*ONCE, "trainer.batch_size=4"), "test/accuracy"),
+    "python train.py -m seed=0,1,2 inhibition=none,push_pull": (ONCE, "6 planned, "),
+    "python evaluate.py run=<run> corruption=gaussian": (
+        ("corruption.corruptions.gaussian.levels=[0.1]", "tracking=none"),
+        "test/accuracy/gaussian/0.1",
+    ),
+    "python predict.py run=<run> input=<folder> output=<folder>": ((), "16 images classified"),
+    f"python predict.py task=cosfire {PROTOTYPE}": ((), "image"),
+    "python train.py task=cosfire": (QUICK_FILTERS[1:], "cosfire_svm"),
+    "python train.py task=cosfire bank=gabor strategy=circles": (QUICK_FILTERS[1:] + PLAIN[2:], "cosfire_svm"),
+    "python train.py task=localization": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
+    f"python train.py task=localization {POSES}": ((*QUICK_LOCALIZER, *FRAMES), "particles"),
+    "python train.py --help": ((), "Config groups"),
+    "sextant runs": ((), "classification/"),
+    "sextant runs delete <task>/<run>": ((), "deleted classification/"),
+    "sextant data list": ((), "office_walk"),
+    "make help": ((), "dashboard"),
+}
+#: why the others are not: what such a command begins with or holds
+NOT_RUN = {
+    r"^python -m benchmarks": "times an otherwise idle machine for minutes",
+    r"^python (train|report)\.py .*sweep=": "a sweep of hours; every cell is composed by tests/configs",
+    r"^python train\.py -m ": "eight runs of minutes",
+    r"^python train\.py .*(mnist|nordland|cold|cifar10|places|folder|photos|alexnet)": "needs data that is not shipped",
+    r"^python train\.py .*descriptor=run": "needs a trained run of place recognition; smaller in tests/cli",
+    r"^python train\.py (task=(calibration|place_recognition)|experiment=)": "renders towns; smaller in tests/tasks",
+    r"^python evaluate\.py .*(dataset|checkpoint|off_the_shelf|cifar10)": "needs data and a run of it; tests/cli",
+    r"^python predict\.py run=": "needs a trained run of its task; smaller in tests/cli",
+    r"^python report\.py sweep=<name>": "as the reports of tests/system/test_sweep.py",
+    r"^python -m sextant\.corruptions": "needs CIFAR-10; smaller in tests/corruptions/test_make_command.py",
+    r"^sextant data (render|verify|gallery)": "renders for minutes; smaller in tests/cli/test_data.py",
+    r"^sextant doctor": "as tests/cli/test_doctor.py",
+    r"^make (run|test|lint|lock|worlds-gallery|dashboard)|^sextant dashboard": "takes minutes, or serves until it is ended",
+    r"^source ": "an environment of the user's own",
+}
+COMMANDS = {command.text: command for command in documented()}
+
+
+def filled_in(text, folder, run):
+    """The words of a command, its placeholders and paths replaced by what the desk has."""
+    own = {
+        "/path": folder / "classes",
+        "dataset.folder=<folder>": f"dataset.folder={folder / 'drives'}",
+        "input=<folder>": f"input={folder / 'photos'}",
+        "output=<folder>": f"output={folder / 'found'}",
+        "photo.jpg": folder / "photos" / "0.png",
+        "<task>/<run>": f"{run.parent.name}/{run.name}",
+        "<run>": run,
+    }
+    for told, path in own.items():
+        text = text.replace(told, str(path))
+    return shlex.split(text)
+
+
+def status_of(verb, words):
+    """Exit status of a command that is run in this process."""
+    try:
+        cli.run(verb, words)
+    except SystemExit as end:
+        return end.code
+    return 0
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """Pictures of two classes, photos with something to find, and two drives along a line."""
+    folder = tmp_path_factory.mktemp("docs")
+    for name in ("a", "b"):
+        (folder / "classes" / name).mkdir(parents=True)
+        for k in range(12):
+            Image.fromarray(picture(k + 100 * (name == "b"), 32, 32)).save(folder / "classes" / name / f"{k}.png")
+    (folder / "photos").mkdir()
+    for k in range(16):
+        Image.fromarray(picture(k, 60, 80)).resize((640, 480)).save(folder / "photos" / f"{k}.png")
+    for name in ("map", "run"):
+        (folder / "drives" / name).mkdir(parents=True)
+        for k in range(30):
+            noise = np.random.default_rng([k, name == "run"]).normal(scale=10, size=(16, 24, 3))
+            seen = (0.8 * picture(k).astype(float) + 20 + noise).clip(0, 255).astype(np.uint8)
+            Image.fromarray(seen).save(folder / "drives" / name / f"{k:03d}.png")
+        rows = ["file,x,y,heading", *(f"{k:03d}.png,{k + 0.1 * (name == 'run')},0,0" for k in range(30))]
+        (folder / "drives" / name / "poses.csv").write_text("\n".join(rows))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SEXTANT_OUTPUTS", str(folder / "outputs"))
+        patch.chdir(ROOT)
+        yield folder
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_commands_do_what_the_page_says(desk, monkeypatch, capsys):
+    run = desk
+    for text, (smaller, printed) in RUN.items():
+        program, *words = filled_in(text, desk, run)
+        if program == "make":
+            assert printed in subprocess.run([program, *words], capture_output=True, text=True, check=True).stdout
+            continue
+        verb, *rest = words if program == "sextant" else [words[0].removesuffix(".py"), *words[1:]]
+        monkeypatch.setattr(sys, "argv", [f"{verb}.py"])
+        status, told = status_of(verb, [*rest, *smaller]), capsys.readouterr()
+        assert not status, f"{text}: {told.err}"
+        assert printed in told.out, f"{text}: {told.out}"
+        if run == desk:
+            (run,) = desk.glob("outputs/runs/classification/[!.]*")
+
+
+def test_every_command_is_run_or_has_a_reason_not_to_be():
+    assert not [text for text in RUN if text not in COMMANDS], "no page tells this any more"
+    without = [text for text in COMMANDS if text not in RUN and not any(re.search(each, text) for each in NOT_RUN)]
+    assert not without, "run these in RUN, or say in NOT_RUN why not"
+
+
+@pytest.mark.parametrize("pattern", NOT_RUN)
+def test_no_reason_is_left_over(pattern):
+    assert any(re.search(pattern, text) for text in COMMANDS if text not in RUN)

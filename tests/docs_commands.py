@@ -1,0 +1,202 @@
+"""The commands that README and docs tell, and whether each would be understood."""
+
+import ast
+import re
+import shlex
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from sextant import cli
+from sextant.cli import corruptions_make, dashboard, gallery, predict, report
+from sextant.cli.arguments import parse_arguments
+from sextant.cli.checks import checked
+from sextant.cli.compose import compose, to_plain
+from sextant.cli.config_files import groups
+from sextant.cli.cosfire_detection.options import options_from as detection_options
+from sextant.cli.evaluate import checkpoint_config, split_run
+from sextant.cli.families import family_of
+from sextant.cli.photo_calibration.options import options_from as calibration_options
+from sextant.cli.sweep_plan import cell_config, read_design
+from sextant.errors import UserError
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+INLINE = re.compile(r"`((?:python|sextant|make) [^`]+)`")
+PLACEHOLDER = re.compile(r"<[^<>]*>")
+#: what stands for a placeholder such as ``<run>``
+SOMETHING = "something"
+#: what a trained model of a page is of, where it is not a classifier of digits
+MODELS = {
+    "calibration.md": ("task=calibration",),
+    "places.md": ("task=place_recognition",),
+    "corruptions.md": ("dataset=cifar10", "backbone=resnet20"),
+    "push_pull.md": ("dataset=cifar10", "backbone=resnet20"),
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a page, as it is written there."""
+
+    page: str
+    text: str
+
+    @property
+    def words(self) -> list[str]:
+        """What a shell would make of it, with something in place of each placeholder."""
+        return shlex.split(PLACEHOLDER.sub(SOMETHING, self.text))
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def commands_of(page: str, text: str) -> list[Command]:
+    """Every line of the ``bash`` blocks of a page, and all inline code that begins with a program of ours."""
+    blocks = [body.replace("\\\n", " ") for kind, body in FENCED.findall(text) if kind == "bash"]
+    lines = [re.sub(r"(^|\s+)#\s.*", "", line) for body in blocks for line in body.splitlines()]
+    found = [" ".join(command.split()) for command in [*lines, *INLINE.findall(FENCED.sub("", text))]]
+    return [Command(page, command) for command in dict.fromkeys(found) if command]
+
+
+def documented() -> list[Command]:
+    """The commands of all pages; one that several tell counts for the first."""
+    found = [command for page in PAGES for command in commands_of(page.name, page.read_text())]
+    return list({command.text: command for command in reversed(found)}.values())[::-1]
+
+
+def check(command: Command) -> None:
+    """Raise a ``UserError`` unless the command is one that could be run, its data and its trained models apart."""
+    program, *words = command.words
+    if program == "python" and words[0] != "-m":
+        program, words = "sextant", [words[0].removesuffix(".py"), *words[1:]]
+    words = [each for word in words for each in cli.spelled_out(word)]
+    if program == "python":
+        _module(words[1], words[2:])
+    elif program == "make":
+        targets = re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        _among("make", words[0], targets)
+    elif program == "sextant":
+        _among("sextant", words[0], cli.VERBS)
+        if "--help" not in words:
+            VERBS.get(words[0], _nothing)(command, words[1:])
+    else:
+        _among("command", command.text, ["source .venv/bin/activate"])
+
+
+def _train(command: Command, words: list[str]) -> None:
+    overrides = [word for word in words if word != "-m"]
+    if "-m" not in words:
+        _among(command.text, "without -m", ["without -m"] if not any(w.startswith("sweep=") for w in words) else [])
+        checked(to_plain(compose(overrides)))
+        return
+    design = read_design(overrides)
+    setting = {key: values[0] for key, values in design.factors.items()}
+    stored = any(word.startswith("sweep=") for word in words)  # all of its arms are tested with the config
+    for arm in list(design.arms)[: 1 if stored else None]:
+        cell_config(design, setting, arm)
+
+
+def _evaluate(command: Command, words: list[str]) -> None:
+    raw = _model(MODELS.get(command.page, ()))
+    _, overrides = split_run(words, command.text)
+    task = raw["task"]["name"]
+    _, config = checkpoint_config({"config": raw, "task": task, "spec": {}}, overrides)
+    family_of(task).check_parts(config)
+
+
+@cache
+def _model(choices: tuple[str, ...]) -> dict:
+    return to_plain(compose(choices))
+
+
+def _predict(command: Command, words: list[str]) -> None:
+    given = parse_arguments(words, predict.KEYS, command.text)
+    needed = ["run", "input", "output"]
+    if "task" in given:
+        needed = ["prototype", "input", "output"]
+        detection_options(given)
+    elif "map" in given:
+        needed = ["run", "map", "queries"]
+    elif "odometry" in given:
+        needed = ["run", "input", "odometry"]
+    else:
+        calibration_options(given)
+    for key in needed:
+        _among(f"{key}= of", command.text, [command.text] if key in given else [])
+
+
+def _report(command: Command, words: list[str]) -> None:
+    given = parse_arguments(words, report.KEYS, command.text)
+    _among("sweep", given["sweep"], [*groups()["sweep"], SOMETHING])
+
+
+def _data(command: Command, words: list[str]) -> None:
+    verb, *rest = words
+    _among("sextant data", verb, ["list", "render", "verify", "gallery"])
+    if verb == "render":
+        raw = to_plain(compose(rest))
+        checked(raw)
+    elif verb == "gallery":
+        parse_arguments(rest, gallery.KEYS, command.text)
+
+
+def _runs(command: Command, words: list[str]) -> None:
+    _among("sextant runs", words[0] if words else "list", ["list", "delete"])
+
+
+def _doctor(command: Command, words: list[str]) -> None:
+    _among("sextant doctor", " ".join(words), ["", "calibration"])
+
+
+def _dashboard(command: Command, words: list[str]) -> None:
+    parse_arguments(words, dashboard.KEYS, command.text)
+
+
+def _nothing(command: Command, words: list[str]) -> None:
+    """Nothing to look at."""
+
+
+VERBS = {
+    "train": _train,
+    "evaluate": _evaluate,
+    "predict": _predict,
+    "report": _report,
+    "data": _data,
+    "runs": _runs,
+    "doctor": _doctor,
+    "dashboard": _dashboard,
+}
+
+
+def _module(module: str, words: list[str]) -> None:
+    """``python -m``: the benchmarks, and corruptions as files."""
+    if module == "sextant.corruptions":
+        _among(module, words[0], ["make"])
+        given = parse_arguments(words[1:], corruptions_make.KEYS, module)
+        _among("set", given["set"], ["cifar10_c", "mnist_c", "imagenet_c"])
+        return
+    package, _, name = module.partition(".")
+    _among("python -m", package, ["benchmarks"])
+    known = sorted(path.stem for path in (ROOT / "benchmarks").glob("*.py"))
+    if name:
+        _among(package, name, known)
+        parse_arguments(words, dict.fromkeys(_keys(name), ""), module)
+    else:
+        for word in words:
+            _among(package, word, known)
+
+
+def _keys(benchmark: str) -> list[str]:
+    """The keys of a benchmark, read from its source: importing it would import all that it compares."""
+    source = (ROOT / "benchmarks" / f"{benchmark}.py").read_text()
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "KEYS":
+            return [ast.literal_eval(key) for key in node.value.keys]
+    return re.findall(r'removeprefix\("(\w+)="\)', source)
+
+
+def _among(what: str, value: str, known) -> None:
+    if value not in known:
+        raise UserError(f"{what} {value}: no such thing", f"There are {', '.join(known) or 'none'}")
