@@ -7,18 +7,19 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from sextant.cli.checks import checked
+
 from sextant import cli
 from sextant.cli import corruptions_make, dashboard, gallery, predict, report
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.checks import checked
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.config_files import groups
 from sextant.cli.cosfire_detection.options import options_from as detection_options
 from sextant.cli.evaluate import checkpoint_config, split_run
-from sextant.cli.families import family_of
 from sextant.cli.photo_calibration.options import options_from as calibration_options
 from sextant.cli.sweep_plan import cell_config, read_design
 from sextant.errors import UserError
+from sextant.recipes import recipe_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -103,7 +104,7 @@ def _evaluate(command: Command, words: list[str]) -> None:
     _, overrides = split_run(words, command.text)
     task = raw["task"]["name"]
     _, config = checkpoint_config({"config": raw, "task": task, "spec": {}}, overrides)
-    family_of(task).check_parts(config)
+    recipe_of(task).check_parts(config)
 
 
 @cache
