@@ -8,10 +8,11 @@ Importing ``sextant`` itself imports nothing heavy.
 from importlib import import_module
 
 __version__ = "0.1.0"
+APPLICATIONS = ("ImageClassifier", "Localizer")
 
 
 def __getattr__(name: str) -> object:
-    """``sextant.Localizer``, imported when it is asked for."""
-    if name == "Localizer":
-        return getattr(import_module("sextant.applications.localization.localizer"), name)
+    """``sextant.Localizer`` and other applications, imported when they are asked for."""
+    if name in APPLICATIONS:
+        return getattr(import_module("sextant.applications"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

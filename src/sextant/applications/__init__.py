@@ -1,1 +1,22 @@
-"""What a person does with a trained model: calibrate photos, recognise places, localize, detect, classify."""
+"""What a person does with a trained model: classify images, localize a robot, calibrate, match and detect.
+
+No console, and neither Hydra, Lightning nor MLflow. Errors are raised as :class:`sextant.errors.UserError`.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_HERE = {
+    "Classified": "sextant.applications.classification",
+    "ImageClassifier": "sextant.applications.classification",
+    "LocalizedPose": "sextant.applications.localization.localizer",
+    "Localizer": "sextant.applications.localization.localizer",
+}
+__all__ = list(_HERE)
+
+
+def __getattr__(name: str) -> Any:
+    """An application, imported when it is asked for."""
+    if name in _HERE:
+        return getattr(import_module(_HERE[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -304,16 +304,16 @@ def _answering(
     raw: Mapping[str, Any], config: "Config", content: Mapping[str, Any], checkpoint: Path
 ) -> Callable[["Tensor"], tuple[str, "Tensor"]]:
     """What gives images (bytes) numbers for each class, with the name of such a number."""
-    from sextant.trained.networks import trained_network
-
     if config.task.name == "cosfire":
         from sextant.recipes.trained_model import model_from_checkpoint
 
         module = model_from_checkpoint(raw, config, content, checkpoint)
         console.print(f"method {module.methods[0]}")
         return lambda images: ("score", module.predict_step(images))
-    network = trained_network(raw, content, checkpoint)  # Lightning would double the time of a short command
-    return lambda images: ("probability", network(images.float() / 255).softmax(1))
+    from sextant.applications import ImageClassifier  # Lightning would double the time of a short command
+
+    classifier = ImageClassifier.of(content, checkpoint, trust=True)  # whom the config names has been seen to
+    return lambda images: ("probability", classifier.probabilities(images))
 
 
 def _batches(paths: list[Path]) -> Iterator[list[Path]]:

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from support import as_published
+from torch import nn
+
+from sextant.applications import ImageClassifier
+from sextant.data.source import ImageSpec
+from sextant.errors import UserError
+from sextant.models import ResNetCifar
+
+
+class Brightness(nn.Module):
+    """Logits of dark and of bright."""
+
+    def __init__(self):
+        super().__init__()
+        self.gain = nn.Parameter(torch.tensor(10.0))
+
+    def forward(self, images):
+        bright = self.gain * (images.mean((1, 2, 3)) - 0.5)
+        return torch.stack([-bright, bright], 1)
+
+
+@pytest.fixture
+def classifier():
+    return ImageClassifier(Brightness(), ImageSpec(3, 16, 16, ("dark", "bright")))
+
+
+@pytest.mark.parametrize(("value", "label"), [(0, "dark"), (255, "bright")])
+def test_files_and_arrays_are_classified_alike(classifier, value, label, tmp_path):
+    array = np.full((16, 16, 3), value, np.uint8)
+    Image.fromarray(np.full((40, 60, 3), value, np.uint8)).save(tmp_path / "photo.png")
+    by_array, by_file = classifier.classify_many([array, tmp_path / "photo.png"])
+    assert by_array == by_file
+    assert by_array.label == label
+    assert by_array.probability == pytest.approx(1 / (1 + np.exp(-10)))
+    assert sum(by_array.probabilities.values()) == pytest.approx(1)
+
+
+def test_many_images_are_classified_as_each_alone(classifier):
+    images = list(np.random.default_rng(0).integers(0, 256, (600, 16, 16, 3), np.uint8))
+    together = classifier.classify_many(images)
+    assert len(together) == 600
+    for i in (0, 255, 256, 599):
+        assert together[i].probabilities["dark"] == pytest.approx(classifier.classify(images[i]).probabilities["dark"])
+
+
+@pytest.mark.parametrize(
+    ("image", "told"),
+    [
+        (np.zeros((16, 16), np.uint8), "uint8 16x16x1; the network takes uint8 16x16x3"),
+        (np.zeros((8, 8, 3), np.uint8), "uint8 8x8x3"),
+        (np.zeros((16, 16, 3)), "float64 16x16x3"),
+        ("gone.jpg", "gone.jpg cannot be read as an image"),
+    ],
+)
+def test_what_does_not_fit_is_named(classifier, image, told):
+    with pytest.raises(UserError, match=told):
+        classifier.classify(image)
+
+
+def test_answers_that_are_no_numbers_are_refused(classifier):
+    classifier.network.gain.data.fill_(torch.nan)
+    with pytest.raises(UserError, match="answers with what is no number"):
+        classifier.classify(np.zeros((16, 16, 3), np.uint8))
+
+
+def test_a_published_network_is_a_classifier(tmp_path):
+    torch.manual_seed(0)
+    network = ResNetCifar(3, (32, 32), 10, depth=20).eval()
+    path = as_published(network, tmp_path / "checkpoint.pth.tar")
+    image = np.random.default_rng(0).integers(0, 256, (32, 32, 3), np.uint8)
+    found = ImageClassifier.load(path, tmp_path).classify(image)
+    with torch.no_grad():
+        logits = network(torch.from_numpy(image.transpose(2, 0, 1)[None].copy()).float() / 255)
+    expected = dict(zip(found.probabilities, logits.softmax(1)[0].tolist(), strict=True))
+    assert found.probabilities == pytest.approx(expected, abs=1e-6)
+    assert list(found.probabilities)[:3] == ["airplane", "automobile", "bird"]
