@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from benchmarks.machine import describe_machine
-from benchmarks.push_pull_timing import fastest, training_step
+from benchmarks.push_pull_timing import fastest, forward_pass, training_step
 from sextant.layers import PushPullConv2d, pull_kernel_size
 from sextant.layers.implementation import TABLE
 
@@ -52,7 +52,7 @@ SHAPES = [
     (3, 2.0, 1, 14, 1, 1, 384),
     (7, 2.0, 1, 28, 1, 1, 96),
 ]
-PRODUCTS = 2e7  # of the push convolution in one step: enough that Python's share is small
+PRODUCTS = 2e7  # of the push convolution in one step, at least: enough that Python's share is small
 
 
 def measure(
@@ -62,11 +62,14 @@ def measure(
     products = (size // stride) ** 2 * kernel**2 * in_channels * channels[1]
     if in_channels == 1 < groups:
         products *= 4  # convolutions of single channels run far below the speed of others
-    images = torch.randn(min(64, max(1, round(PRODUCTS / products))), channels[0], size, size)
+    images = torch.randn(min(64, max(8, round(PRODUCTS / products))), channels[0], size, size)
     images.requires_grad_(in_channels * groups > 3)  # a first layer sends no gradient on
     conv = nn.Conv2d(*channels, kernel, stride, kernel // 2, groups=groups)
     layers = {impl: PushPullConv2d.from_conv(conv, scale=scale, impl=impl) for impl in IMPLEMENTATIONS}
-    seconds = fastest({impl: training_step(layer, images) for impl, layer in layers.items()}, repeats=5)
+    tasks = {"evaluation": forward_pass, "training": training_step}
+    seconds = {
+        name: fastest({impl: task(layer, images) for impl, layer in layers.items()}) for name, task in tasks.items()
+    }
     return {
         "kernel": kernel,
         "pull": pull_kernel_size(kernel, scale),
@@ -75,8 +78,12 @@ def measure(
         "in_channels": in_channels,
         "out_channels": out_channels,
         "groups": groups,
-        "milliseconds": {impl: float(f"{1000 * time:.3g}") for impl, time in seconds.items()},
+        **{name: milliseconds(times) for name, times in seconds.items()},
     }
+
+
+def milliseconds(seconds: dict[str, float]) -> dict[str, float]:
+    return {impl: float(f"{1000 * time:.3g}") for impl, time in seconds.items()}
 
 
 def main() -> None:
@@ -86,7 +93,8 @@ def main() -> None:
     measured = {
         "command": "python -m benchmarks.push_pull_table",
         "machine": describe_machine(),
-        "what": "forward and backward pass of one layer, one thread, the process's own time, fastest of five",
+        "what": "milliseconds of one layer, forward, and forward and backward; one thread, the process's own time, "
+        "fastest of nine",
     }
     head = "".join(f'  "{key}": {json.dumps(value)},\n' for key, value in measured.items())
     text = "{\n" + head + '  "rows": [\n    ' + ",\n    ".join(rows) + "\n  ]\n}\n"

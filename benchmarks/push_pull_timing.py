@@ -7,16 +7,30 @@ import torch
 from torch import Tensor, nn
 
 
-def fastest(tasks: Mapping[str, Callable[[], object]], repeats: int = 9) -> dict[str, float]:
-    """Seconds of the process's own time that each task takes at best."""
+def fastest(tasks: Mapping[str, Callable[[], object]], repeats: int = 9, *, warm: bool = True) -> dict[str, float]:
+    """Seconds of the process's own time that each task takes at best; if ``warm`` one more call is not counted."""
     seconds = dict.fromkeys(tasks, float("inf"))
-    for task in tasks.values():
+    for task in tasks.values() if warm else ():
         task()
     for _ in range(repeats):
         for name, task in tasks.items():
             began = time.process_time()
             task()
             seconds[name] = min(seconds[name], time.process_time() - began)
+    return seconds
+
+
+def turns(tasks: Mapping[str, Callable[[], object]], repeats: int, least: float = 0.05) -> dict[str, list[float]]:
+    """Seconds of the process's own time that each task takes in each of ``repeats`` turns.
+
+    A turn of a short task is the fastest of as many calls as take ``least`` seconds.
+    """
+    once = fastest(tasks, repeats=1)
+    seconds: dict[str, list[float]] = {name: [] for name in tasks}
+    for _ in range(repeats):
+        for name, task in tasks.items():
+            times = fastest({name: task}, repeats=max(1, round(least / once[name])), warm=False)
+            seconds[name].append(times[name])
     return seconds
 
 

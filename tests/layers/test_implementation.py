@@ -42,8 +42,21 @@ def test_every_shape_has_an_implementation_and_always_the_same(size):
         assert choose_implementation(shape) == choose_implementation.__wrapped__(shape)
 
 
-def test_huge_images_are_convolved_directly():
-    assert choose_implementation(square(size=4000)) == "direct"
+@pytest.mark.parametrize(
+    ("kernel", "stride", "size", "channels", "fastest"),
+    [
+        (3, 1, 32, (3, 16), "direct"),
+        (7, 2, 224, (3, 64), "rows"),
+        (3, 1, 56, (64, 64), "rows"),
+        (3, 1, 28, (128, 128), "rows"),
+        (3, 1, 7, (512, 512), "factorised"),
+    ],
+)
+def test_layers_of_known_networks_take_the_form_that_the_benchmark_finds_fastest(
+    kernel, stride, size, channels, fastest
+):
+    layer = PushPullConv2d(*channels, kernel, stride, kernel // 2)
+    assert layer.implementation(size, size) == fastest
 
 
 def test_a_run_can_record_what_each_layer_takes_and_the_network_is_as_before():

@@ -13,7 +13,9 @@ inhibition layer", Neural Computing and Applications 32, 2020, section 3.1; the 
 """
 
 import math
+from functools import cache
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -39,9 +41,14 @@ def interpolation_matrix(
 
     Every row sums to one; ``size = 1`` gives a column of ones.
     """
-    positions = torch.linspace(0, size - 1, pull_size, dtype=torch.float64, device=device)
-    taps = torch.arange(size, dtype=torch.float64, device=device)
-    return (1 - (positions[:, None] - taps).abs()).clamp(min=0).to(dtype or torch.get_default_dtype())
+    return torch.tensor(hats(size, pull_size), dtype=dtype or torch.get_default_dtype(), device=device)
+
+
+@cache
+def hats(size: int, pull_size: int) -> Float[np.ndarray, "K s"]:
+    """The values of :func:`interpolation_matrix`, not to be written to."""
+    positions = np.linspace(0, size - 1, pull_size)
+    return np.maximum(0, 1 - np.abs(positions[:, None] - np.arange(size)))
 
 
 def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[Tensor, "o c KH KW"]:

@@ -3,28 +3,33 @@ r"""Three exact ways to convolve with a stretched kernel :math:`U(W) = A_v W A_h
 ``direct``
     Stretch the kernel, convolve with its :math:`K \times K` taps: :math:`O C K^2` products a pixel.
 ``rows``
-    Take the responses of the image to the s columns of :math:`A_v`, which are vertical profiles, once a channel; then
-    convolve them with the :math:`1 \times K` kernels :math:`W A_h^\top`: :math:`C s n + O C s K`.
+    Make an image that has, for each row of the output, s rows: the responses to the s columns of :math:`A_v`, which
+    are vertical profiles. Then convolve it with the :math:`s \times K` kernels :math:`W A_h^\top`, s rows a step:
+    :math:`O C s K` products a pixel.
 ``factorised``
-    Take the responses to both profiles, :math:`s^2` images a channel, and mix them by :math:`W`, which is then a
-    1x1 convolution: :math:`C s n + C s^2 n + O C s^2`.
+    The same in both directions, s rows and s columns for each response, which W itself then convolves, s rows and s
+    columns a step: :math:`O C s^2`.
 
-Profiles are applied as products with a banded matrix of the image's n rows (or columns): many more products than the K
-taps need, yet several times faster than convolving each channel by itself, which few libraries do well.
+Profiles are applied as products with a banded matrix, vertical ones for a few rows of the output at a time: more
+products than the K taps need, yet several times faster than convolving each channel by itself, which few libraries do
+well.
 Which of the three is fastest depends on the shape: see :mod:`sextant.layers.implementation`.
 """
 
+from functools import cache
 from typing import Literal
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
 from sextant.layers.conv_geometry import ConvGeometry
-from sextant.layers.pull_kernel import interpolation_matrix, pull_kernel_size, upsample_kernel
+from sextant.layers.pull_kernel import hats, interpolation_matrix, pull_kernel_size, upsample_kernel
 
 Implementation = Literal["direct", "rows", "factorised"]
+BAND = 8  # rows of the output that one banded product makes: fewer are small products, more are mostly zeros
 
 
 def pull_response(
@@ -52,30 +57,39 @@ def pull_response(
         return geometry.convolve(x, upsample_kernel(weight, scale), bias)
     if implementation not in ("rows", "factorised"):
         raise ValueError(f"implementation must be direct, rows or factorised, got {implementation!r}")
-    x, zeros = geometry.with_border(x)
-    vertical, horizontal = (
-        interpolation_matrix(kernel[i], wide[i], dtype=weight.dtype, device=weight.device) for i in (0, 1)
-    )
     (stride_v, stride_h), (dilation_v, dilation_h) = geometry.stride, geometry.dilation
-    over_rows = _profile_matrix(vertical, x.shape[-2], stride_v, zeros[0], dilation_v)  # (s, H, h)
-    height = over_rows.shape[1]
-    responses = torch.matmul(over_rows.flatten(0, 1), x)  # (*b, ci, s H, w)
-    responses = responses.unflatten(-2, (kernel[0], height)).flatten(-4, -3)  # (*b, ci s, H, w)
+    x, (above, left) = geometry.with_border(x)
+    x = _profile_responses(x, (kernel[0], wide[0]), above, stride_v, dilation_v)  # (*b, ci, H s, w)
     if implementation == "rows":
-        across = torch.matmul(weight, horizontal.T)  # (co, cg, s, K)
-        across = across.flatten(1, 2).unsqueeze(2)  # (co, cg s, 1, K)
-        return F.conv2d(responses, across, bias, (1, stride_h), (0, zeros[1]), (1, dilation_h), geometry.groups)
-    over_columns = _profile_matrix(horizontal, x.shape[-1], stride_h, zeros[1], dilation_h)  # (s, W, w)
-    width = over_columns.shape[1]
-    responses = torch.matmul(responses, over_columns.flatten(0, 1).T)  # (*b, ci s, H, s W)
-    responses = responses.unflatten(-1, (kernel[1], width)).movedim(-2, -3)  # (*b, ci s, s, H, W)
-    return F.conv2d(responses.flatten(-4, -3), weight.flatten(1)[:, :, None, None], bias, groups=geometry.groups)
+        across = interpolation_matrix(kernel[1], wide[1], dtype=weight.dtype, device=weight.device)
+        weight, steps, dilation = torch.matmul(weight, across.T), (kernel[0], stride_h), (1, dilation_h)
+        return F.conv2d(x, weight, bias, steps, (0, left), dilation, geometry.groups)
+    width = (x.shape[-1] + 2 * left - dilation_h * (wide[1] - 1) - 1) // stride_h + 1
+    matrix = torch.as_tensor(_band_matrix(kernel[1], wide[1], width, stride_h, dilation_h)).to(x)
+    x = torch.matmul(F.pad(x, (left, left))[..., : matrix.shape[1]], matrix.T)  # (*b, ci, H s, W s)
+    return F.conv2d(x, weight, bias, kernel, groups=geometry.groups)
 
 
-def _profile_matrix(
-    profiles: Float[Tensor, "K s"], length: int, stride: int, zeros: int, dilation: int
-) -> Float[Tensor, "s out length"]:
-    """What each profile answers at each place to a single pixel: row y of profile i holds the profile, centred on y."""
-    pixels = torch.eye(length, dtype=profiles.dtype, device=profiles.device).unsqueeze(1)
-    answers = F.conv1d(pixels, profiles.T.unsqueeze(1), stride=stride, padding=zeros, dilation=dilation)
-    return answers.permute(1, 2, 0)
+def _profile_responses(
+    x: Float[Tensor, "*b h w"], sides: tuple[int, int], zeros: int, stride: int, dilation: int
+) -> Float[Tensor, "*b Hs w"]:
+    """For each place down the image, one below the other, the responses to the s profiles that are centred on it."""
+    size, pull_size = sides
+    reach = dilation * (pull_size - 1) + 1
+    height = (x.shape[-2] + 2 * zeros - reach) // stride + 1
+    bands = -(-height // BAND)
+    places = -(-height // bands)  # in one band
+    span, step = (places - 1) * stride + reach, places * stride
+    missing = (bands - 1) * step + span - x.shape[-2] - zeros
+    windows = F.pad(x, (0, 0, zeros, max(missing, 0))).unfold(-2, span, step)  # (*b, bands, w, span)
+    matrix = torch.as_tensor(_band_matrix(size, pull_size, places, stride, dilation)).to(x)
+    return torch.matmul(matrix, windows.mT).flatten(-3, -2)[..., : height * size, :]
+
+
+@cache
+def _band_matrix(size: int, pull_size: int, places: int, stride: int, dilation: int) -> Float[np.ndarray, "ps span"]:
+    """What each profile at each place takes of the rows of one band."""
+    matrix = np.zeros((places, size, (places - 1) * stride + dilation * (pull_size - 1) + 1))
+    for place in range(places):
+        matrix[place, :, place * stride :: dilation][:, :pull_size] = hats(size, pull_size).T
+    return matrix.reshape(places * size, -1)

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
+from sextant.layers.depth_first import depth_first, overwriting, traced
 from sextant.layers.implementation import PullShape, choose_implementation
 from sextant.layers.inhibited_conv import InhibitedConv2d
 from sextant.layers.pull_kernel import pull_kernel_size
@@ -53,6 +54,7 @@ def push_pull(
         alpha: strength of the inhibition, one number or one a channel, at least 0.
         padding_mode: how the border is filled, as in ``torch.nn.Conv2d``.
         impl: how the pull is computed, see :mod:`sextant.layers.pull_response`; ``auto`` is a fixed rule on the shape.
+            While a network is traced, compiled or exported it is ``direct``.
         other arguments: as in ``torch.nn.functional.conv2d``.
 
     Raises:
@@ -65,34 +67,33 @@ def push_pull(
             f"push-pull needs scale >= 1 and, above 1, odd kernel sides; got scale={scale}, kernel={kernel}"
         )
     geometry = ConvGeometry.of(kernel, stride, padding, dilation, groups, padding_mode)
-    response = geometry.convolve(x, weight, bias)
     strength = alpha.view(-1, 1, 1) if isinstance(alpha, Tensor) else alpha
     if kernel == (pull_kernel_size(kernel[0], scale), pull_kernel_size(kernel[1], scale)):
         # the pull is the negated push, so one convolution serves both
+        response = geometry.convolve(x, weight, bias)
         if isinstance(strength, Tensor):
             return torch.where(response > 0, response, strength * response)
         return F.leaky_relu(response, strength)
-    push = response.relu_()  # in place: a convolution's gradient does not need its own result
-    if not isinstance(strength, Tensor) and strength == 0:
-        return push
+    if traced():
+        impl = "direct"  # the other forms would write the image's size into the graph
     chosen = pull_implementation(weight, scale, geometry, (x.shape[-2], x.shape[-1])) if impl == "auto" else impl
-    pull = pull_response(x, -weight, None if bias is None else -bias, scale, geometry, chosen).relu_()
-    if isinstance(strength, Tensor):
-        return torch.addcmul(push, strength, pull, value=-1)
-    if not torch.is_grad_enabled() and not torch.jit.is_tracing():  # type: ignore[attr-defined]
-        return push.sub_(pull, alpha=strength)  # nothing else holds the push
-    return torch.sub(push, pull, alpha=strength)
+
+    def respond(x: Tensor) -> Tensor:
+        push = geometry.convolve(x, weight, bias).relu_()  # in place: its gradient does not need the convolution's
+        if not isinstance(strength, Tensor) and strength == 0:
+            return push
+        pull = pull_response(x, -weight, None if bias is None else -bias, scale, geometry, chosen).relu_()
+        if isinstance(strength, Tensor):
+            return (push.addcmul_ if overwriting() else push.addcmul)(strength, pull, value=-1)
+        return (push.sub_ if overwriting() else push.sub)(pull, alpha=strength)
+
+    return depth_first(respond, x, weight, geometry.stride)
 
 
 def pull_implementation(
     weight: Float[Tensor, "co cg kh kw"], scale: float, geometry: ConvGeometry, size: tuple[int, int]
 ) -> Implementation:
-    """What ``impl="auto"`` takes for images of this height and width: a pure function of the shapes.
-
-    While a network is compiled or exported sizes may be open, and there is none to look up: it takes ``direct``.
-    """
-    if torch.compiler.is_compiling():
-        return "direct"
+    """What ``impl="auto"`` takes for images of this height and width: a pure function of the shapes."""
     out_channels, in_channels, *kernel = weight.shape
     shape = PullShape(
         kernel=(kernel[0], kernel[1]),
@@ -192,8 +193,7 @@ class PushPullConv2d(InhibitedConv2d):
             dilation=self.dilation,  # type: ignore[arg-type]
             groups=self.groups,
             padding_mode=self.padding_mode,
-            # torch.jit.trace and the ONNX exporter that uses it would write the image's size into the other forms
-            impl="direct" if torch.jit.is_tracing() else self.impl,  # type: ignore[attr-defined]
+            impl=self.impl,
         )
 
     def extra_repr(self) -> str:

@@ -29,6 +29,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from sextant.layers.conv_geometry import ConvGeometry, Padding, PaddingMode
+from sextant.layers.depth_first import depth_first, overwriting
 from sextant.layers.inhibited_conv import InhibitedConv2d
 from sextant.layers.strength import Strength
 
@@ -73,25 +74,32 @@ def push_pull_avg(
     if impl not in ("box", "direct"):
         raise ValueError(f"impl must be box or direct, got {impl!r}")
     geometry = ConvGeometry.of((weight.shape[2], weight.shape[3]), stride, padding, dilation, groups, padding_mode)
-    push = geometry.convolve(x, weight, None)
     offset = contrast_offset(weight)
-    # the negated pull, averaged but not yet divided by how many responses each mean has
-    if impl == "direct":
-        negated = _sums_nearby(geometry.convolve(x, weight - offset.view(-1, 1, 1, 1), None), average)
-    else:
-        brightness = _sums_nearby(window_sums(x, (weight.shape[2], weight.shape[3]), geometry), average)
-        brightness = brightness.repeat_interleave(weight.shape[0] // groups, dim=-3) if groups > 1 else brightness
-        negated = torch.addcmul(_sums_nearby(push, average), offset.view(-1, 1, 1), brightness, value=-1)
-    inhibition = negated.clamp_max_(0)
     strength = alpha.view(-1, 1, 1) if isinstance(alpha, Tensor) else alpha
-    if average > 1:
-        strength = strength / _sums_nearby(push.new_ones(1, *push.shape[-2:]), average)  # the divisor is positive
-    push = push.relu_() if average == 1 or impl == "direct" else F.relu(push)
-    if isinstance(strength, Tensor):
-        response = torch.addcmul(push, strength, inhibition)
-    else:
-        response = torch.add(push, inhibition, alpha=strength)
-    return response if bias is None else response + bias.view(-1, 1, 1)
+
+    def respond(x: Tensor) -> Tensor:
+        push = geometry.convolve(x, weight, None)
+        # the negated pull, averaged but not yet divided by how many responses each mean has
+        if impl == "direct":
+            negated = _sums_nearby(geometry.convolve(x, weight - offset.view(-1, 1, 1, 1), None), average)
+        else:
+            brightness = _sums_nearby(window_sums(x, (weight.shape[2], weight.shape[3]), geometry), average)
+            brightness = brightness.repeat_interleave(weight.shape[0] // groups, dim=-3) if groups > 1 else brightness
+            negated = torch.addcmul(_sums_nearby(push, average), offset.view(-1, 1, 1), brightness, value=-1)
+        inhibition = negated.clamp_max_(0)
+        factor = strength
+        if average > 1:
+            factor = strength / _sums_nearby(push.new_ones(1, *push.shape[-2:]), average)  # the divisor is positive
+        push = push.relu_() if average == 1 or impl == "direct" or overwriting() else F.relu(push)
+        if isinstance(factor, Tensor):
+            response = (push.addcmul_ if overwriting() else push.addcmul)(factor, inhibition)
+        else:
+            response = (push.add_ if overwriting() else push.add)(inhibition, alpha=factor)
+        if bias is None:
+            return response
+        return (response.add_ if overwriting() else response.add)(bias.view(-1, 1, 1))
+
+    return depth_first(respond, x, weight, geometry.stride)
 
 
 def window_sums(

@@ -1,0 +1,45 @@
+"""A layer's steps carried out for a few images at a time, so that what lies between them stays in the cache."""
+
+from collections.abc import Callable
+from itertools import chain
+
+import torch
+from torch import Tensor
+
+TILE = 2**20  # bytes of the output that each thread makes at a time
+FEW_TAPS = 256  # of a kernel: with more, products take the time, and weights would be read again for each tile
+
+
+def traced() -> bool:
+    """Whether a graph of the network is being taken, into which nothing that depends on shapes should be written."""
+    return torch.compiler.is_compiling() or torch.jit.is_tracing()  # type: ignore[attr-defined]
+
+
+def overwriting() -> bool:
+    """Whether a layer may compute in place: nothing is kept for gradients or a graph."""
+    return not torch.is_grad_enabled() and not traced()
+
+
+def depth_first(respond: Callable[[Tensor], Tensor], x: Tensor, weight: Tensor, stride: tuple[int, int]) -> Tensor:
+    """``respond(x)``, by parts of the batch where no gradient is asked for and that is faster.
+
+    A layer of few taps spends its time in passes over outputs that are larger than the cache, and in getting memory
+    for them. Each image's response must depend on that image alone.
+
+    Args:
+        respond: the layer; its output has the channels of ``weight``, and a response every ``stride`` pixels.
+    """
+    if not overwriting() or weight[0].numel() > FEW_TAPS:
+        return respond(x)
+    if not (x.ndim == 4 and x.is_cpu and x.is_contiguous()):
+        return respond(x)
+    image = len(weight) * x.shape[-2] * x.shape[-1] * x.element_size() / (stride[0] * stride[1])
+    parts = x.split(max(1, int(TILE / image)) * torch.get_num_threads())
+    if len(parts) < 2:
+        return respond(x)
+    first = respond(parts[0])
+    whole = first.new_empty(len(x), *first.shape[1:])
+    responses = chain([first], map(respond, parts[1:]))
+    for place, response in zip(whole.split(len(parts[0])), responses, strict=True):
+        place.copy_(response)
+    return whole
