@@ -58,7 +58,8 @@ NOT_RUN = {
     r"^python -m sextant\.corruptions": "needs CIFAR-10; smaller in tests/corruptions/test_make_command.py",
     r"^sextant data (render|verify|gallery)": "renders for minutes; smaller in tests/cli/test_data.py",
     r"^sextant doctor": "as tests/cli/test_doctor.py",
-    r"^make (run|test|lint|lock|worlds-gallery|dashboard)|^sextant dashboard": "takes minutes, or serves on and on",
+    r"^make (run|test|lint|lock|worlds-gallery)": "installs, or takes minutes",
+    r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",
     r"^source ": "an environment of the user's own",
 }
 COMMANDS = {command.text: command for command in documented()}
