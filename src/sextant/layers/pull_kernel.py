@@ -48,7 +48,7 @@ def interpolation_matrix(
 def hats(size: int, pull_size: int) -> Float[np.ndarray, "K s"]:
     """The values of :func:`interpolation_matrix`, not to be written to."""
     positions = np.linspace(0, size - 1, pull_size)
-    return np.maximum(0, 1 - np.abs(positions[:, None] - np.arange(size)))
+    return np.asarray(np.maximum(0, 1 - np.abs(positions[:, None] - np.arange(size))))
 
 
 def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[Tensor, "o c KH KW"]:
