@@ -2,7 +2,14 @@ import json
 import math
 
 import pytest
+import torch
 from cli.photo_calibration.fakes import Fake, calibrate, exif, photo
+
+from sextant.applications.calibration.ranges import ENDS
+from sextant.geometry import vfov_from_focal
+
+#: five degrees of field of view at 68 %, for the scores' quantile is 1.38, and seven at 95 %
+SURE = (0.02, 0.01, math.radians(5) / 1.38, 0.05)
 
 
 @pytest.mark.parametrize(
@@ -25,6 +32,50 @@ def test_low_confidence_is_said(tmp_path, capsys, model, size, verdict, says):
     text = " ".join(row["confidence"]["reasons"])
     assert (says in text) if says else text == ""
     json.loads((tmp_path / "out" / "a.json").read_text(), parse_constant=pytest.fail)  # no NaN or Infinity
+
+
+class Ranged(Fake):
+    """The same network, which was trained on fields of view from 39 to 92 degrees, as those of ``lopez_4x3`` are."""
+
+    low, high = 39.1, 92.2
+
+    def position(self, camera):
+        place = torch.full((len(camera.focal), 4), 0.5)
+        place[:, 2] = (torch.rad2deg(vfov_from_focal(camera.focal)).float() - self.low) / (self.high - self.low)
+        return ENDS + place * (1 - 2 * ENDS)
+
+
+@pytest.mark.parametrize(
+    ("grey", "verdict", "says"),
+    [
+        (70, "good", None),  # 71 degrees
+        (120, "weak", "the 95 % interval reaches beyond what the network was trained on: field of view"),  # 45
+        (50, "weak", "the 95 % interval reaches beyond what the network was trained on: field of view"),  # 90
+        (150, "weak", "at the end of what the network was trained on: size; the truth may lie beyond"),  # 37
+    ],
+)
+def test_a_camera_near_the_end_of_those_trained_on_is_not_good_however_sure(tmp_path, grey, verdict, says):
+    """Of a lens of 1.6 image heights, longer than any of training, 1.2 may be told, 68 % surely within five degrees."""
+    (row,) = calibrate([photo(tmp_path / "a.png", grey=grey)], tmp_path / "out", Ranged(scale=SURE))
+    assert row["confidence"]["verdict"] == verdict
+    assert row["confidence"]["reasons"] == ([says] if says else [])
+
+
+def test_a_focal_length_that_is_known_takes_the_doubt_away(tmp_path):
+    model, path = Ranged(scale=SURE), photo(tmp_path / "a.png", grey=120)
+    (alone,) = calibrate([path], tmp_path / "1", model)
+    (known,) = calibrate([path], tmp_path / "2", model, focal_prior=70.0)
+    assert "reaches beyond" in " ".join(alone["confidence"]["reasons"])
+    assert "reaches beyond" not in " ".join(known["confidence"]["reasons"])
+
+
+@pytest.mark.parametrize(("strange", "verdict"), [(0.0, "good"), (0.99, "good"), (1.8, "weak"), (None, "good")])
+def test_a_photo_that_looks_like_nothing_trained_on_is_told(tmp_path, strange, verdict):
+    model = Fake()
+    model.strangeness = strange
+    (row,) = calibrate([photo(tmp_path / "a.png")], tmp_path / "out", model)
+    assert row["confidence"]["verdict"] == verdict
+    assert ("does not look like" in " ".join(row["confidence"]["reasons"])) == (verdict == "weak")
 
 
 def test_a_photo_smaller_than_the_input_is_weak(tmp_path, monkeypatch):

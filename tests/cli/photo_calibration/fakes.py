@@ -17,6 +17,7 @@ class Fake:
 
     input_width, input_height, k2_of_k1 = 24, 18, "lopez"
     aspects, spread = (1.0, 4 / 3), SPREAD
+    strangeness = None
 
     def __init__(self, tilt=0.1, roll=-0.05, k1_hat=-0.3, scale=SCALE, scores=100, place=0.5):
         self.tilt, self.roll, self.k1_hat, self.scale, self.place = tilt, roll, k1_hat, scale, place
@@ -31,7 +32,9 @@ class Fake:
         camera = CameraParameters(
             torch.full_like(focal, self.tilt), torch.full_like(focal, self.roll), focal, self.k1_hat * focal**2
         )
-        return CalibrationPrediction(camera, torch.tensor(self.scale).expand(len(focal), 4), self.scores)
+        strange = None if self.strangeness is None else torch.full_like(focal, self.strangeness)
+        scale = torch.tensor(self.scale).expand(len(focal), 4)
+        return CalibrationPrediction(camera, scale, self.scores, strangeness=strange)
 
     def position(self, camera):
         return torch.full((len(camera.focal), 4), self.place)

@@ -1,4 +1,5 @@
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,22 @@ def trained(tmp_path_factory):
     validation = dict(run.validate(calibration, crops, verbose=False)[0])
     run.test(calibration, crops, verbose=False)
     return calibration, crops, validation
+
+
+def test_it_knows_what_its_pictures_look_like_and_a_run_of_before_says_nothing(trained):
+    calibration, crops, _ = trained
+    of_before = {name: value for name, value in calibration.state_dict().items() if not name.startswith("looks")}
+    old = module(crops)
+    old.load_state_dict(of_before)
+    new = module(crops)
+    new.load_state_dict(calibration.state_dict())
+    new.spec = old.spec = replace(calibration.spec, per_panorama=1)  # of six panoramas 95 % cannot be told
+    noise = torch.randint(0, 256, (4, 3, 48, 64), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
+    usual, aspect = crops.split("test")[[0, 1, 2, 3]].images, torch.full((4,), 4 / 3)
+    assert (new.predict(noise, aspect).strangeness > 1.5).all()
+    assert (new.predict(usual, aspect).strangeness < 1.5).all()
+    for images in (noise, usual):
+        assert (old.predict(images, aspect).strangeness == 0).all()
 
 
 def test_it_learns_what_the_pictures_show(trained):

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from sextant.applications.calibration.finding import LEVELS, Finding
 from sextant.applications.calibration.model import CalibrationModel
@@ -17,7 +16,6 @@ from sextant.geometry import CameraParameters
 
 BATCH = 64
 LITTLE_SEEN = 0.6  # of the photo's area
-EDGE = 0.01  # of a range trained on
 
 
 def find_cameras(model: CalibrationModel, paths: Sequence[Path], rows: dict[Path, dict[str, Any]]) -> Iterable[Finding]:
@@ -40,7 +38,7 @@ def find_cameras(model: CalibrationModel, paths: Sequence[Path], rows: dict[Path
         images = torch.from_numpy(np.stack([view.image for _, _, view in batch]).transpose(0, 3, 1, 2).copy())
         with torch.no_grad():
             said = model.predict(images, torch.tensor([view.aspect for _, _, view in batch]))
-            position = model.position(said.parameters).cpu().double()
+        strange = torch.zeros(len(batch)) if said.strangeness is None else said.strangeness.cpu()
         cameras = torch.stack(list(said.parameters), -1).cpu().double()
         half = {name: (said.scale * said.quantile(level)).cpu().double() for name, (level, _) in LEVELS.items()}
         for i, (path, photo, view) in enumerate(batch):
@@ -51,7 +49,7 @@ def find_cameras(model: CalibrationModel, paths: Sequence[Path], rows: dict[Path
                 continue
             widths = {name: np.nan_to_num(half[name][i].numpy(), nan=np.inf, posinf=np.inf) for name in LEVELS}
             finding = Finding(path, photo, view, camera, widths, model.k2_of_k1)
-            _doubt_view(finding, model, position[i])
+            _doubt_view(finding, model, float(strange[i]))
             yield finding
 
 
@@ -59,7 +57,7 @@ def _without_pixels(photo: Photo) -> Photo:
     return Photo(np.zeros((0, 0, 3), np.uint8), photo.width, photo.height, photo.orientation, photo.exif_focal_px)
 
 
-def _doubt_view(finding: Finding, model: CalibrationModel, position: Tensor) -> None:
+def _doubt_view(finding: Finding, model: CalibrationModel, strangeness: float) -> None:
     view, photo = finding.view, finding.photo
     if view.share < LITTLE_SEEN:
         finding.doubts.append((1, f"the network saw only {view.share:.0%} of the photo: it has an unusual shape"))
@@ -68,9 +66,8 @@ def _doubt_view(finding: Finding, model: CalibrationModel, position: Tensor) -> 
             (1, f"{photo.width}x{photo.height} pixels are fewer than the {model.input_width}x{model.input_height} that "
                 "the network takes")
         )  # fmt: skip
-    at_edge = [i for i in range(4) if not EDGE <= position[i] <= 1 - EDGE]
-    if at_edge:
-        names = ", ".join(
-            ("vertical position of the horizon or tilt", "roll", "size", "distortion")[i] for i in at_edge
-        )
-        finding.doubts.append((1, f"at the end of what the network was trained on: {names}; the truth may lie beyond"))
+    if strangeness > 1:
+        finding.doubts.append(
+            (1, f"it does not look like anything the network was trained on: {strangeness:.1f} times as far from it as "
+                "all but a twentieth of its validation images")
+        )  # fmt: skip

@@ -35,7 +35,7 @@ def camera_row(finding: Finding, model: CalibrationModel) -> dict[str, Any]:
         "intervals": {level: intervals(finding, level) for level in LEVELS},
         "intervals_by": finding.basis,
         "exif_focal_px": photo.exif_focal_px,
-        "confidence": confidence(finding, model.spread),
+        "confidence": confidence(finding, model),
         "opencv": {
             "matrix": [[focal, 0, width / 2 - 0.5], [0, focal, height / 2 - 0.5], [0, 0, 1]],
             "distortion": [k1, k2, 0, 0, 0],

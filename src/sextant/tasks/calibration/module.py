@@ -14,6 +14,7 @@ from torch.optim import Optimizer
 from sextant.corruptions import Condition, CorruptionSuite
 from sextant.data.calibration.crop_batch import CropBatch
 from sextant.evaluation.calibration.errors import GRID, bearing_error
+from sextant.evaluation.calibration.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
 from sextant.evaluation.conformal import conformal_quantile
 from sextant.evaluation.protocols import calibration_converged
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, vfov_from_focal
@@ -22,6 +23,9 @@ from sextant.losses.bearing import bearing_grid
 from sextant.models import CalibrationNet
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
+
+#: share of validation images that look usual
+USUAL = 0.95
 
 
 @dataclass(frozen=True)
@@ -64,12 +68,15 @@ class CalibrationPrediction:
         scale: expected absolute error of tilt, roll, vfov (radians) and k1_hat.
         scores: ratios of error to expected error on the validation split, one column each.
         per_panorama: validation crops of each panorama.
+        strangeness: how far the looks of each image are from those of the validation split, in units of the distance
+            that 95 % of such images stay below; 0 where that is not known. None if nothing was asked.
     """
 
     parameters: CameraParameters
     scale: Float[Tensor, "b 4"]
     scores: Float[Tensor, "n 4"]
     per_panorama: int = 1
+    strangeness: Float[Tensor, "b"] | None = None
 
     def quantile(self, level: float) -> Float[Tensor, "4"]:
         """Multipliers of ``scale`` that make intervals which hold the truth in a share ``level`` of images."""
@@ -115,6 +122,9 @@ class Calibration(pl.LightningModule):
 
     monitor, monitor_mode = "val/bearing_deg", "min"
     scores: Tensor
+    looks_mean: Tensor
+    looks_whitening: Tensor
+    looks_scores: Tensor
 
     def __init__(
         self,
@@ -135,6 +145,9 @@ class Calibration(pl.LightningModule):
         self.optimizer_factory, self.schedule, self.clip = optimizer, schedule, clip
         self.step_losses = StepLosses(log_every)
         self.register_buffer("scores", torch.full((spec.validation_crops, 4), torch.inf))
+        self.register_buffer("looks_mean", torch.zeros(NUMBERS))
+        self.register_buffer("looks_whitening", torch.zeros(NUMBERS, NUMBERS))
+        self.register_buffer("looks_scores", torch.full((spec.validation_crops,), torch.inf))
         self.result: CalibrationResult | None = None
         self._validation: list[tuple[Tensor, ...]] = []
         self._test: dict[Condition, list[tuple[Tensor, Tensor]]] = {}
@@ -186,13 +199,16 @@ class Calibration(pl.LightningModule):
         bearing = self.bearing_error_deg(camera, batch.cameras, batch.aspect)
         constant = CameraParameters(*(torch.full_like(batch.aspect, value) for value in self.spec.median))
         beside = self.bearing_error_deg(constant, batch.cameras, batch.aspect)
-        self._validation.append((error, error / scale, bearing, beside))
+        looks = picture_looks(batch.images_in_unit_range())
+        self._validation.append((error, error / scale, bearing, beside, looks, batch.panoramas))
 
     def on_validation_epoch_end(self) -> None:
-        """Log median errors, and keep the scores that the intervals rest on."""
-        error, scores, bearing, beside = (torch.cat(column) for column in zip(*self._validation, strict=True))
+        """Log median errors, and keep the scores that the intervals rest on, and what the images look like."""
+        columns = (torch.cat(column) for column in zip(*self._validation, strict=True))
+        error, scores, bearing, beside, looks, panoramas = columns
         self._validation = []
         self.scores.copy_(scores)
+        self._keep_looks(looks.cpu(), panoramas.cpu())
         tilt, roll, vfov, k1_hat = error.median(0).values
         self.log_dict(
             {
@@ -204,6 +220,17 @@ class Calibration(pl.LightningModule):
                 "val/k1_hat": k1_hat,
             }
         )
+
+    def _keep_looks(self, looks: Tensor, panoramas: Tensor) -> None:
+        spread = LooksSpread.fit(looks)
+        self.looks_mean.copy_(spread.mean)
+        self.looks_whitening.copy_(spread.whitening)
+        self.looks_scores.copy_(own_distances(looks, panoramas))
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
+        for name in ("looks_mean", "looks_whitening", "looks_scores"):  # which runs of before do not have
+            state_dict.setdefault(prefix + name, getattr(self, name))
+        super()._load_from_state_dict(state_dict, prefix, *arguments)
 
     def converged(self, validation: dict[str, float]) -> bool:
         """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""
@@ -226,9 +253,12 @@ class Calibration(pl.LightningModule):
 
     @torch.no_grad()
     def predict(self, images: Tensor, aspect: Float[Tensor, "b"]) -> CalibrationPrediction:
-        """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``."""
-        camera, scale = self(images.float() / 255, aspect)
-        return CalibrationPrediction(camera, scale, self.scores, self.spec.per_panorama)
+        """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``, and how strange these look."""
+        images = images.float() / 255
+        camera, scale = self(images, aspect)
+        usual = conformal_quantile(self.looks_scores, USUAL, self.spec.per_panorama)
+        distance = LooksSpread(self.looks_mean, self.looks_whitening).distance(picture_looks(images))
+        return CalibrationPrediction(camera, scale, self.scores, self.spec.per_panorama, distance / usual)
 
     def test_step(self, batch: CropBatch, batch_idx: int) -> None:
         """Predict a batch under every condition."""

@@ -1,0 +1,97 @@
+r"""How unlike a set of pictures another one looks, by sixteen numbers that any picture has.
+
+In each third of a picture from top to bottom: the log of the mean gradient, the mean brightness, saturation and warmth
+(red minus blue); of all of it: the contrast, the logs of the median and the mean Laplacian (grain and detail), and the
+log ratio of horizontal to vertical gradients. With these as :math:`x`, and mean :math:`\mu` and covariance
+:math:`\Sigma` of the set's, the distance is Mahalanobis's
+
+.. math:: d(x) = \sqrt{(x - \mu)^\top \Sigma_\lambda^{-1} (x - \mu)},
+
+where each number is measured in its standard deviation, and :math:`\Sigma_\lambda` is :math:`\Sigma` shrunk by a tenth
+towards a multiple of the identity, as crops of a few dozen scenes do not determine it. Distances of the set's own
+pictures, which those of a new one are compared with, are to all scenes but their own.
+
+It tells a page of text, noise or another kind of scene from what was seen. It does not tell that a network errs: a
+photo may look usual and be taken by a lens that the network never met.
+
+Sources: P. C. Mahalanobis, "On the generalised distance in statistics", 1936; K. Lee et al., "A simple unified
+framework for detecting out-of-distribution samples and adversarial attacks", NeurIPS 2018, who use it on features of a
+network; O. Ledoit, M. Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", 2004, for the
+form of the shrinkage.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+#: numbers that :func:`picture_looks` gives
+NUMBERS = 16
+BANDS = 3
+SHRINKAGE = 0.1
+#: of logarithms and standard deviations: a picture of one grey has no gradient
+SMALLEST = 1e-3
+
+
+def picture_looks(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 16"]:
+    """The sixteen numbers of pictures in [0, 1], at least six pixels high.
+
+    >>> picture_looks(torch.rand(2, 3, 24, 32)).shape
+    torch.Size([2, 16])
+    """
+    grey = images.mean(1)
+    along, down = grey.diff(dim=2).abs()[:, :-1], grey.diff(dim=1).abs()[:, :, :-1]
+    around = grey[:, :-2, 1:-1] + grey[:, 2:, 1:-1] + grey[:, 1:-1, :-2] + grey[:, 1:-1, 2:]
+    detail = (4 * grey[:, 1:-1, 1:-1] - around).abs().flatten(1)
+    maps = (grey, images.amax(1) - images.amin(1), images[:, 0] - images[:, 2])
+    bands = [band.mean((1, 2)) for each in maps for band in each.tensor_split(BANDS, 1)]
+    edges = [_log(band.mean((1, 2))) for band in (along + down).tensor_split(BANDS, 1)]
+    whole = [
+        grey.flatten(1).std(1),
+        _log(detail.median(1).values),
+        _log(detail.mean(1)),
+        _log(along.mean((1, 2))) - _log(down.mean((1, 2))),
+    ]
+    return torch.stack([*edges, *bands, *whole], 1)
+
+
+@dataclass(frozen=True)
+class LooksSpread:
+    """Where a set of pictures lies among the sixteen numbers.
+
+    Attributes:
+        mean: of the set.
+        whitening: turns a difference to the mean into a vector as long as the distance.
+    """
+
+    mean: Float[Tensor, "16"]
+    whitening: Float[Tensor, "16 16"]
+
+    @classmethod
+    def fit(cls, looks: Float[Tensor, "n 16"]) -> "LooksSpread":
+        """The spread of a set of at least two pictures."""
+        scale = looks.std(0).clamp(min=SMALLEST)
+        mean, covariance = looks.mean(0), (looks / scale).T.cov()
+        even = covariance.diagonal().mean() * torch.eye(looks.shape[1], dtype=looks.dtype, device=looks.device)
+        shrunk = (1 - SHRINKAGE) * covariance + SHRINKAGE * even
+        factor = torch.linalg.cholesky(shrunk + SMALLEST**2 * torch.eye(len(shrunk)).to(shrunk))
+        return cls(mean, torch.linalg.inv(factor) / scale)
+
+    def distance(self, looks: Float[Tensor, "b 16"]) -> Float[Tensor, "b"]:
+        """How far pictures are from the set."""
+        return ((looks - self.mean) @ self.whitening.T).norm(dim=1)
+
+
+def own_distances(looks: Float[Tensor, "n 16"], scenes: Int64[Tensor, "n"]) -> Float[Tensor, "n"]:
+    """How far each picture of a set is from those of all other scenes; infinite where there is no other scene."""
+    distances = torch.full_like(looks[:, 0], torch.inf)
+    for scene in scenes.unique():
+        own = scenes == scene
+        if int((~own).sum()) > 1:
+            distances[own] = LooksSpread.fit(looks[~own]).distance(looks[own])
+    return distances
+
+
+def _log(values: Tensor) -> Tensor:
+    return (values + SMALLEST).log()

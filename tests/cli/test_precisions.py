@@ -1,0 +1,91 @@
+"""Every task under every precision of the schema: from the first step to the arrays, the table and the figures."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+from calibration_toy import panorama
+from cli.test_calibration import config as calibration_config
+from cli.test_predict_places import ride
+from PIL import Image
+from support import quick_config
+from tiny_digits import digits_config
+from tiny_office import office_cache, office_config
+
+from sextant.cli.compose import compose, to_plain
+from sextant.config.schema.environment import Trainer
+from sextant.config.validate import validate
+from sextant.errors import UserError
+from sextant.lifecycle.execute import execute
+from sextant.runs.directory import RunDirectory
+
+PRECISIONS = get_args(Trainer.model_fields["precision"].annotation)
+ON_CPU = [precision for precision in PRECISIONS if precision != "16-mixed"]
+
+
+def classification(root, cache, *overrides):
+    return quick_config(root / "outputs", "trainer.max_epochs=1", "tracking=none", *overrides)
+
+
+def calibration(root, cache, *overrides):
+    rng = np.random.default_rng(0)
+    for i in range(5):
+        Image.fromarray(panorama(rng)).save(root / f"scene{i}.png")
+    short = ["trainer.max_epochs=1", "task.geometric_baselines=false", "task.crops_per_panorama.train=4"]
+    return calibration_config(root, root / "outputs", *short, *overrides)
+
+
+def place_recognition(root, cache, *overrides):
+    for number, split in enumerate(("train", "val", "test")):
+        for light in ("day", "night"):
+            ride(root / split / light, range(100 * number, 100 * number + 8), light == "night")
+    ends = ("positive=0", "negative=1")
+    chosen = [
+        "task=place_recognition", "dataset=place_folders", f"dataset.folder={root}", "dataset.places=order",
+        "dataset.height=16", "dataset.width=24", "pooling.grid=null", "task.batch_places=4",
+        "task.dimension=16", "task.whitening=null", "trainer.max_epochs=1", "trainer.progress=false", "tracking=none",
+        *(f"dataset.{split}={{day: {split}/day, night: {split}/night}}" for split in ("train", "val", "test")),
+        *(f"task.{kind}.frames.{end}" for kind in ("tolerance", "test_tolerance") for end in ends),
+        f"paths.outputs={root / 'outputs'}",
+    ]  # fmt: skip
+    return to_plain(compose([*chosen, *overrides]))
+
+
+def localization(root, cache, *overrides):
+    short = ["trainer.max_epochs=1", "task.starts=1", "task.horizon=10", "filter.particles=100"]
+    return office_config(cache, root / "outputs", *short, *overrides)
+
+
+def cosfire(root, cache, *overrides):
+    short = ["trainer.max_epochs=1", "task.images=60", "task.test_every=20", "task.prices=[1]"]
+    return digits_config(root / "outputs", *short, *overrides)
+
+
+TASKS = (classification, calibration, place_recognition, localization, cosfire)
+
+
+@pytest.fixture
+def cache(tmp_path_factory):
+    return office_cache(tmp_path_factory)
+
+
+@pytest.mark.parametrize("precision", ON_CPU)
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)
+def test_a_run_ends_with_its_report(tmp_path, cache, task, precision):
+    raw = task(tmp_path, cache, f"trainer.precision={precision}")
+    outcome = execute(raw)
+    run = RunDirectory(outcome.directory)
+    results = run.results()
+    assert results["outcome"] in ("finished", "diverged")  # of one epoch no network learns much
+    assert results["metrics"]
+    assert any(run.figures.iterdir())
+    with np.load(run.arrays, allow_pickle=False) as arrays:
+        assert arrays.files
+        assert all(array.dtype.kind != "V" for array in arrays.values())  # which numpy makes of what it does not know
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)
+def test_half_precision_of_a_gpu_is_refused_on_the_cpu_before_anything_runs(tmp_path, cache, task):
+    assert set(PRECISIONS) - set(ON_CPU) == {"16-mixed"}
+    with pytest.raises(UserError, match=r"trainer\.precision=16-mixed needs trainer=gpu"):
+        validate(task(tmp_path, cache, "trainer.precision=16-mixed"))
