@@ -80,7 +80,8 @@ class LooksSpread:
 
     def distance(self, looks: Float[Tensor, "b 16"]) -> Float[Tensor, "b"]:
         """How far pictures are from the set."""
-        return ((looks - self.mean) @ self.whitening.T).norm(dim=1)
+        distance: Tensor = ((looks - self.mean) @ self.whitening.T).norm(dim=1)
+        return distance
 
 
 def own_distances(looks: Float[Tensor, "n 16"], scenes: Int64[Tensor, "n"]) -> Float[Tensor, "n"]:
