@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from sextant.cli.checks import checked
-
 from sextant import cli
 from sextant.cli import corruptions_make, dashboard, gallery, predict, report
 from sextant.cli.arguments import parse_arguments
@@ -19,6 +17,7 @@ from sextant.cli.evaluate import checkpoint_config, split_run
 from sextant.cli.photo_calibration.options import options_from as calibration_options
 from sextant.cli.sweep_plan import cell_config, read_design
 from sextant.errors import UserError
+from sextant.lifecycle.checks import checked
 from sextant.recipes import recipe_of
 
 ROOT = Path(__file__).parents[1]

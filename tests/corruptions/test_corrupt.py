@@ -117,7 +117,7 @@ def test_an_unknown_set_or_mode_is_told():
         ([PHOTOS[0]], "the image is a list"),
         ("photo.jpg", "the image is a str"),
     ],
-    ids=str,
+    ids=range(12),
 )
 def test_what_is_no_image_of_the_documented_kinds_is_refused(image, message):
     with pytest.raises(UserError, match=re.escape(message)):

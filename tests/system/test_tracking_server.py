@@ -14,7 +14,7 @@ from sextant.cli.sweep import run_sweep
 from sextant.lifecycle.execute import execute, execute_cell
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import find_sweep, read_plan
-from sextant.tasks.classification import Classification
+from sextant.tasks.classification.module import Classification
 from sextant.tracking.environment import quiet_libraries
 from sextant.tracking.server import guarded, server_command
 from sextant.tracking.store import open_store
