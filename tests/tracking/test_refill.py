@@ -10,6 +10,7 @@ from sextant.atomic_files import write_json
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute
+from sextant.reporter import Reporter
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, find_sweep, read_plan
 from sextant.tasks.classification.module import Classification
@@ -100,7 +101,17 @@ def test_a_store_that_does_not_answer_is_no_store_without_the_run(tmp_path, monk
     assert len(runs_in(store)) == 1
 
 
-def test_a_run_that_the_store_refuses_is_named_and_the_others_get_there(tmp_path, monkeypatch, capsys):
+class Listener(Reporter):
+    """Keeps what it hears."""
+
+    def __init__(self):
+        self.heard = []
+
+    def say(self, text):
+        self.heard.append(text)
+
+
+def test_a_run_that_the_store_refuses_is_named_and_the_others_get_there(tmp_path, monkeypatch):
     from mlflow import MlflowClient
 
     log_batch = MlflowClient.log_batch
@@ -113,9 +124,10 @@ def test_a_run_that_the_store_refuses_is_named_and_the_others_get_there(tmp_path
         return log_batch(self, run_id, metrics=metrics, params=params, **others)
 
     monkeypatch.setattr(MlflowClient, "log_batch", refusing)
+    listener = Listener()
     with pytest.raises(UserError, match="did not take classification/12345678-s0"):
-        refill(open_store("sqlite", None, tmp_path), tmp_path)
-    assert "not this one" in capsys.readouterr().err
+        refill(open_store("sqlite", None, tmp_path), tmp_path, reporter=listener)
+    assert any("not this one" in text for text in listener.heard)
     store = open_store("sqlite", None, tmp_path)
     assert sorted(run.info.status for run in runs_in(store)) == ["FINISHED", "RUNNING"]
 

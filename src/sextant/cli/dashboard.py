@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.markup import escape
-
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console, print_mistake
+from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.tracking.environment import quiet_libraries
@@ -79,13 +78,12 @@ def _server(given: Mapping[str, str]) -> str | None:
 def _fill(store: "Store", outputs: Path) -> None:
     from sextant.tracking.refill import refill
 
-    changed = refill(store, outputs, progress=lambda name: console.print(f"filling {escape(name)}"))
+    changed = refill(store, outputs, reporter=TERMINAL)
     console.print(f"{changed} runs brought up to date" if changed else "the store is up to date")
 
 
 def _serve(store: "Store", outputs: Path, port: int) -> None:
     """Serve the embedded store, and look now and then whether runs died."""
-    from sextant.cli.terminal import TERMINAL
     from sextant.tracking.refill import catch_up
     from sextant.tracking.server import guarded, server_command
 

@@ -1,20 +1,17 @@
 """Bringing a store up to date with the run directories."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from sextant.errors import UserError
-from sextant.reporter import Reporter
+from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.locks import LockedError, run_lock
 from sextant.tracking.mirror import MirroredRun, Status, ended_at, finish_mirror, known_run, note_of, open_mirror
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 from sextant.tracking.sweep_parent import refill_parents
 
-Progress = Callable[[str], None]
 
-
-def refill(store: Store, outputs: Path, *, all_of_them: bool = True, progress: Progress = lambda _: None) -> int:
+def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: Reporter = SILENT) -> int:
     """Make runs again that a store lacks, send what it did not get, and end those whose process is gone.
 
     Runs that another process is at work on are left to it.
@@ -24,7 +21,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, progress: P
         outputs: output folder with the run directories.
         all_of_them: false looks only at runs and sweeps that log to this store, and of these only at what it did not
             get, unless it lost its database.
-        progress: is told the name of each run that is sent.
+        reporter: hears of each run that is sent, and of what the store refuses.
 
     Returns:
         How many runs, and parents of sweeps, were made or mended.
@@ -39,7 +36,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, progress: P
         base = f"{str(state.get('digest'))[:8]}-s{state.get('seed')}"
         try:
             with run_lock(directory.path.parent, base, wait=False):
-                mended = _refill_one(store, directory, progress)
+                mended = _refill_one(store, directory, reporter)
         except LockedError:
             continue
         if mended:
@@ -59,7 +56,7 @@ def catch_up(kind: Kind, uri: str | None, outputs: Path, reporter: Reporter) -> 
     try:
         with telling_store_errors(uri):
             store = open_store(kind, uri, outputs)
-            refill(store, outputs, all_of_them=False, progress=lambda name: reporter.say(f"filling {name}"))
+            refill(store, outputs, all_of_them=False, reporter=reporter)
     except Exception as error:  # whatever the store raises, the run directories have everything
         reason = error.problem if isinstance(error, UserError) else str(error)
         reporter.say(f"The tracking store lacks some of the earlier runs: {reason}")
@@ -70,12 +67,12 @@ def send_again(store: Store, directory: RunDirectory) -> bool:
     try:
         if store.artifacts is None:
             require_server(store.uri)
-        return finish_mirror(_open(store, directory), directory, _status(directory))
+        return finish_mirror(_open(store, directory, SILENT), directory, _status(directory))
     except Exception:  # it was told before, and the next run tries again
         return False
 
 
-def _refill_one(store: Store, directory: RunDirectory, progress: Progress) -> bool | None:
+def _refill_one(store: Store, directory: RunDirectory, reporter: Reporter) -> bool | None:
     """Whether all of a run got to the store; None if it was there."""
     status, note = _status(directory), note_of(directory, store)
     known = known_run(store, directory.tracking_ids())
@@ -85,19 +82,18 @@ def _refill_one(store: Store, directory: RunDirectory, progress: Progress) -> bo
             if note is not None and not note["sent"]:
                 directory.update_state({"tracking": {**note, "sent": True}})
             return None
-    progress(f"{directory.path.parent.name}/{directory.path.name}")
-    sent = finish_mirror(_open(store, directory), directory, status)
+    reporter.say(f"filling {directory.path.parent.name}/{directory.path.name}")
+    sent = finish_mirror(_open(store, directory, reporter), directory, status)
     if not sent and store.artifacts is None:
         require_server(store.uri)
     return sent
 
 
-def _open(store: Store, directory: RunDirectory) -> MirroredRun:
+def _open(store: Store, directory: RunDirectory, reporter: Reporter) -> MirroredRun:
     state, note = directory.state(), note_of(directory, store) or {}
     parent = known_run(store, [note["parent_run"]] if note.get("parent_run") else [])
-    return open_mirror(
-        store, directory, experiment=str(state.get("experiment", directory.path.parent.name)), parent=parent
-    )
+    experiment = str(state.get("experiment", directory.path.parent.name))
+    return open_mirror(store, directory, experiment=experiment, parent=parent, reporter=reporter)
 
 
 def _behind(store: Store, outputs: Path) -> list[RunDirectory]:
