@@ -31,7 +31,8 @@ def calibration(root, cache, *overrides):
     rng = np.random.default_rng(0)
     for i in range(5):
         Image.fromarray(panorama(rng)).save(root / f"scene{i}.png")
-    short = ["trainer.max_epochs=1", "task.geometric_baselines=false", "task.crops_per_panorama.train=4"]
+    short = ["trainer.max_epochs=1", "task.geometric_baselines=false", "task.crops_per_panorama.train=4",
+             "trainer.batch_size=8"]  # fmt: skip
     return calibration_config(root, root / "outputs", *short, *overrides)
 
 

@@ -12,6 +12,8 @@ from sextant import cli
 from sextant.runs.sweep_directory import find_sweep, read_plan
 from sextant.tracking.store import open_store
 
+pytestmark = pytest.mark.slow  # each runs a sweep to its end, and the second reads what the first has run
+
 
 @pytest.fixture
 def sweep(monkeypatch, capsys):
