@@ -22,6 +22,7 @@ SMALLEST_SIDE = 32
 LARGEST_DECODED = 64_000_000  # pixels that are kept
 LARGEST_SIDE = 32_000  # of what is kept: cv2.remap counts in 16 bits
 LARGEST_FILE = 512_000_000  # pixels of a JPEG, which can be decoded at 1/2, 1/4 or 1/8
+END_OF_CODESTREAM = b"\xff\xd9"  # of JPEG 2000, whose data never hold it
 LARGEST_WHOLE = 256_000_000  # pixels of formats that are decoded whole: 1 GiB at Pillow's four bytes
 _pillow = threading.Lock()  # its limit of pixels is a global variable
 
@@ -86,6 +87,8 @@ def _decode(image: Image.Image, path: Path) -> Photo:
     if factor > 1:
         image.draft("RGB", (width // factor, height // factor))  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
     image.load()
+    if image.format == "JPEG2000" and END_OF_CODESTREAM not in path.read_bytes():
+        raise ValueError("it is truncated: its codestream has no end")  # OpenJPEG gives grey for what is missing
     turn = exif_orientation(image)  # Pillow has turned a TIFF by now, and its size was the upright one from the start
     rgb = rgb_bytes(image, max(1, math.ceil(factor * image.width / width - 0.01)))
     if turn in TURN:
