@@ -11,6 +11,7 @@ from support import QUICK, quick_config
 from sextant import cli
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.sweep import run_sweep
+from sextant.cli.terminal import TERMINAL
 from sextant.lifecycle.execute import execute, execute_cell
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import find_sweep, read_plan
@@ -100,7 +101,7 @@ def test_a_run_whose_server_goes_away_gets_there(server, tmp_path, monkeypatch, 
 
     with monkeypatch.context() as patch:
         patch.setattr(Classification, "training_step", stopping_the_server)
-        first = RunDirectory(execute(quick_config(outputs, *tracking)).directory)
+        first = RunDirectory(execute(quick_config(outputs, *tracking), reporter=TERMINAL).directory)
     command = f"sextant dashboard tracking=server tracking.uri={server.uri}"
     assert command in capsys.readouterr().out.replace("\n", " ")
 
