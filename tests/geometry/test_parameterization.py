@@ -224,7 +224,7 @@ def test_more_tilt_is_more_offset():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"name": "rho"}, r"parameterization\.name='rho' must be one of direct, horizon, undistorted_horizon"),
+        ({"name": "rho"}, r"name='rho' must be one of direct, horizon, undistorted_horizon"),
         ({"k2_of_k1": "free"}, "'free': a network predicts k1 alone"),
         ({"k2_of_k1": "cubic"}, "'cubic'"),
     ],
