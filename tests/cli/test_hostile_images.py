@@ -1,5 +1,6 @@
 """Whatever is given as a photo: no task's prediction crashes, and none answers what it did not see."""
 
+import json
 import tempfile
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,8 @@ from hypothesis import strategies as st
 from sextant.applications.detection.images import read_image
 from sextant.applications.localization.localizer import LocalizedPose
 from sextant.applications.places.run_facts import Temperature
-from sextant.cli import predict
+from sextant.cli import predict, predict_handler
+from sextant.cli.image_classification import predict as classifying
 from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.predict import predict_calibrations
 from sextant.cli.place_matching.inputs import read_inputs
@@ -51,20 +53,19 @@ def nothing_is_drawn():
         patch.setattr("sextant.cli.place_matching.predict.write_gallery", lambda *_: [])
         patch.setattr("sextant.cli.localizing.predict.draw_trajectory", lambda *_: None)
         patch.setattr("sextant.cli.localizing.predict.Localizer", SimpleNamespace(load=lambda *_, **__: Nowhere()))
-        patch.setattr(predict, "_sheet", lambda *_: None)
-        patch.setattr(predict, "resolve_run", lambda reference, outputs: FoundRun(Path("last.ckpt"), None))
+        patch.setattr(classifying, "draw", lambda *_: None)
+        patch.setattr(predict_handler, "resolve_run", lambda reference, outputs: FoundRun(Path("last.ckpt"), None))
         spec = {"channels": 3, "height": 16, "width": 16, "classes": ["dark", "bright"]}
         content = {KEY: {"task": "classification", "spec": spec}}
-        patch.setattr("sextant.trained.content.own_config", lambda trained, trust: ({}, None))
         patch.setattr("sextant.trained.content.read_trained", lambda path: content)
-        patch.setattr(predict, "_answering", lambda *_: brightness)
+        patch.setattr(classifying, "answering", lambda _: ("probability", brightness))
         yield
 
 
 def brightness(images):
     """A classifier of dark and bright images."""
     bright = images.float().mean((1, 2, 3)) / 255
-    return "probability", torch.stack([1 - bright, bright], 1)
+    return torch.stack([1 - bright, bright], 1)
 
 
 class Nowhere:
@@ -85,12 +86,9 @@ def calibration(photos: Path, output: Path) -> Said:
 
 
 def classification(photos: Path, output: Path) -> Said:
-    said = {}
-    write = predict._write
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(predict, "_write", lambda rows, folder: (said.update(rows=rows), write(rows, folder)))
-        predict.main(["run=x", f"input={photos}", f"output={output}"])
-    return {Path(row["file"]).name: row.get("error") for row in said["rows"]}
+    predict.main(["run=x", f"input={photos}", f"output={output}"])
+    rows = json.loads((output / "predictions.json").read_text())
+    return {Path(row["file"]).name: row.get("error") for row in rows}
 
 
 def places(photos: Path, output: Path) -> Said:

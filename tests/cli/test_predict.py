@@ -3,13 +3,14 @@ import subprocess
 import sys
 
 import pytest
+import torch
 from PIL import Image
 from support import fill_disk
 
-from sextant.cli import predict, run
+from sextant.cli import predict, predict_handler, run
 from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
-from sextant.data.image_folder import decode_square
 from sextant.errors import UserError
+from sextant.recipes import RECIPES
 from sextant.runs.checkpoint import KEY
 from sextant.runs.resolve import FoundRun
 
@@ -68,19 +69,26 @@ def test_help_has_every_key_in_one_column_and_its_meaning_in_another(capsys):
 @pytest.fixture
 def classifier(tmp_path, monkeypatch):
     """A run of classification whose model says that everything is a cat."""
-    monkeypatch.setattr(predict, "resolve_run", lambda reference, outputs: FoundRun(tmp_path / "last.ckpt", None))
-    monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: {KEY: {"task": "classification"}})
-    monkeypatch.setattr(
-        predict, "_classify",
-        lambda paths, *_: ([{"file": str(p), "class": "cat", "probability": 0.5} for p in paths], []),
-    )  # fmt: skip
+    spec = {"channels": 3, "height": 16, "width": 16, "classes": ["cat", "dog"]}
+    content = {KEY: {"task": "classification", "spec": spec}}
+    monkeypatch.setattr(predict_handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
+    monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: content)
+    module = "sextant.cli.image_classification.predict"
+    said = torch.tensor([[0.5, 0.25]])
+    monkeypatch.setattr(f"{module}.answering", lambda _: ("probability", lambda images: said.expand(len(images), 2)))
+    monkeypatch.setattr(f"{module}.draw", lambda *_: None)
 
 
 def test_classes_are_written(tmp_path, picture, classifier, capsys):
     out = tmp_path / "out"
     predict.main(["run=x", f"input={picture}", f"output={out}"])
     assert json.loads((out / "predictions.json").read_text()) == [
-        {"file": str(picture), "class": "cat", "probability": 0.5}
+        {
+            "file": str(picture),
+            "class": "cat",
+            "probability": 0.5,
+            "probabilities": {"cat": 0.5, "dog": 0.25},
+        }
     ]
     assert (out / "predictions.csv").read_bytes() == (
         f"file,class,probability,error\r\n{picture},cat,0.5,\r\n".encode()
@@ -88,24 +96,7 @@ def test_classes_are_written(tmp_path, picture, classifier, capsys):
     assert "1 images classified" in capsys.readouterr().out
 
 
-@pytest.fixture
-def reader(classifier, monkeypatch):
-    """The same run, whose images are read."""
-
-    def classify(paths, *_):
-        return [{"file": str(p), "class": "cat", "probability": 0.5} | unreadable(p) for p in paths], []
-
-    def unreadable(path):
-        try:
-            decode_square(path, 16, 3)
-        except UserError as error:
-            return {"error": error.problem}
-        return {}
-
-    monkeypatch.setattr(predict, "_classify", classify)
-
-
-def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, reader, capsys):
+def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, classifier, capsys):
     photos, out = tmp_path / "photos", tmp_path / "out"
     photos.mkdir()
     (photos / "a.jpg").touch()
@@ -121,7 +112,7 @@ def test_if_no_image_can_be_read_the_command_fails_and_names_them_all(tmp_path, 
     assert len(json.loads((out / "predictions.json").read_text())) == 3
 
 
-def test_images_that_were_skipped_are_in_a_table_with_reasons(tmp_path, picture, reader, capsys):
+def test_images_that_were_skipped_are_in_a_table_with_reasons(tmp_path, picture, classifier, capsys):
     (tmp_path / "b.png").write_bytes(b"nothing")
     predict.main(["run=x", f"input={tmp_path}", f"output={tmp_path / 'out'}"])
     said = " ".join(capsys.readouterr().out.replace("│", " ").split())
@@ -142,3 +133,33 @@ def test_a_full_disk_while_classes_are_written(tmp_path, picture, classifier, mo
 def test_a_key_of_calibration_is_refused_by_a_classifier(tmp_path, picture, classifier):
     with pytest.raises(UserError, match="undistort= belongs to calibration; this is a model of classification"):
         predict.main(["run=x", f"input={picture}", f"output={tmp_path / 'out'}", "undistort=all"])
+
+
+def test_every_task_of_a_run_has_a_handler_and_no_key_has_two():
+    assert set(RECIPES) < set(predict.HANDLERS)
+    own = [key for handler in {type(each): each for each in predict.HANDLERS.values()}.values() for key in handler.keys]
+    assert len(own) == len(set(own))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["map={folder}", "queries={input}", "every=2"], "every= does not go with map= and queries="),
+        (["task=cosfire", "prototype={input}", "map={folder}"], "map= does not go with task=cosfire"),
+        (["input={input}", "every=2"], "every= belongs to localization; this is a model of classification"),
+        (["map={folder}", "queries={input}"], "map= belongs to place_recognition; this is a model of classification"),
+    ],
+)
+def test_keys_of_several_tasks_do_not_go_together(tmp_path, picture, classifier, arguments, says):
+    folder = tmp_path / "map"
+    folder.mkdir()
+    Image.new("RGB", (64, 48)).save(folder / "b.png")
+    given = [argument.format(input=picture, folder=folder) for argument in arguments]
+    with pytest.raises(UserError, match=says):
+        predict.main(["run=x", f"output={tmp_path / 'out'}", *given])
+
+
+def test_a_checkpoint_of_a_task_that_is_none(tmp_path, picture, classifier, monkeypatch):
+    monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: {KEY: {"task": "dowsing"}})
+    with pytest.raises(UserError, match="run=x is a model of task=dowsing"):
+        predict.main(["run=x", f"input={picture}", f"output={tmp_path / 'out'}"])

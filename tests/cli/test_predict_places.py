@@ -19,7 +19,7 @@ from sextant.applications.places import describing, matching
 from sextant.applications.places.matching import match
 from sextant.applications.places.run_facts import Temperature
 from sextant.atomic_files import write_sealed_json
-from sextant.cli import predict
+from sextant.cli import predict, predict_handler
 from sextant.cli.compose import compose, to_plain
 from sextant.cli.place_matching import gallery_pages
 from sextant.cli.place_matching.inputs import read_inputs
@@ -461,7 +461,7 @@ def test_a_truth_that_is_not_there(rides, tmp_path, places, says):
 
 @pytest.mark.parametrize("key", ["matches", "map", "descriptors"])
 def test_keys_of_places_are_refused_by_other_tasks(rides, tmp_path, monkeypatch, key):
-    monkeypatch.setattr(predict, "resolve_run", lambda reference, outputs: FoundRun(tmp_path / "last.ckpt", None))
+    monkeypatch.setattr(predict_handler, "resolve_run", lambda *_: FoundRun(tmp_path / "last.ckpt", None))
     monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: {KEY: {"task": "classification"}})
     given = [f"map={rides[0]}", f"queries={rides[1]}"] if key == "map" else [f"input={rides[0]}", f"{key}=3"]
     with pytest.raises(UserError, match=f"{key}= belongs to place_recognition; this is a model of classification"):

@@ -1,21 +1,39 @@
-"""Files that a prediction could not use, as a table with the reasons."""
+"""Files that a prediction could not use, and the table that names them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-from rich.table import Table
-
-from sextant.cli.console import rows_table
+from sextant.cli.console import console, rows_table
 from sextant.data.places.problem_list import NAMED
-from sextant.data.unusable_files import reason_alone
+from sextant.data.unusable_files import nothing_usable, reason_alone
 
 
-def skipped_table(skipped: Mapping[str, str], title: str = "Skipped") -> Table:
-    """Files with the reasons why they were left out: the first of them, and how many more there are.
+def skipped_of(rows: Iterable[Mapping[str, Any]], problem: str) -> dict[str, str]:
+    """Why files could not be used, by file.
 
     Args:
-        skipped: reasons by file.
+        rows: one a file, with an ``error`` where it could not be used.
+        problem: what is wrong if none could.
+
+    Raises:
+        UserError: none could.
+    """
+    errors = {str(row["file"]): row.get("error") for row in rows}
+    skipped = {name: str(error) for name, error in errors.items() if error is not None}
+    if len(skipped) == len(errors):
+        raise nothing_usable(problem, skipped)
+    return skipped
+
+
+def tell_skipped(skipped: Mapping[str, str], title: str = "Skipped") -> None:
+    """Print a table of files with the reasons why they were left out: the first of them, and how many more there are.
+
+    Args:
+        skipped: reasons by file; nothing is printed if there are none.
         title: of the table.
     """
+    if not skipped:
+        return
     rows = [{"file": name, "reason": reason_alone(name, problem)} for name, problem in list(skipped.items())[:NAMED]]
     more = len(skipped) - NAMED
     if more > 0:
@@ -23,4 +41,4 @@ def skipped_table(skipped: Mapping[str, str], title: str = "Skipped") -> Table:
     table = rows_table(f"{title} ({len(skipped):,})", rows)
     for column, overflow in zip(table.columns, ("fold", "fold"), strict=True):  # a name that is cut names nothing
         column.justify, column.overflow = "left", overflow  # type: ignore[assignment]
-    return table
+    console.print(table)

@@ -65,6 +65,6 @@ def test_a_disk_that_takes_no_more_bytes(tmp_path, two, limit, figures):
 
 def test_an_output_that_is_a_file(tmp_path, two):
     (tmp_path / "out").write_text("mine")
-    with pytest.raises(UserError, match=r"output=.*cannot be written to: File exists"):
+    with pytest.raises(UserError, match=r"output=.*is not a folder that can be written to: File exists"):
         calibrate(two, tmp_path / "out")
     assert (tmp_path / "out").read_text() == "mine"

@@ -14,8 +14,8 @@ from sextant.cli.cosfire_detection.telling import tell
 from sextant.cli.cosfire_detection.written_files import write_detections
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.file_names import file_stems
+from sextant.cli.skipped_files import skipped_of
 from sextant.cli.work_progress import work_progress
-from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
 from sextant.figures.cosfire.filter import cosfire_filter
 from sextant.figures.cosfire.responses import cosfire_responses
@@ -69,11 +69,9 @@ def predict_detections(inputs: DetectionInputs, network: "TrainedFeatures | None
         "longest": options.longest,
     }
     write_detections(rows, facts, output)
-    if all("error" in row for row in rows):
-        skipped = {row["file"]: row["error"] for row in rows}
-        raise nothing_usable(f"none of {len(rows):,} images could be used", skipped)
+    skipped = skipped_of(rows, f"none of {len(rows):,} images could be used")
     written = [output / "detections.csv", output / "detections.json", output / f"{FILTER_PICTURE}.png"]
-    tell(rows, _remarks(rows, facts["filter"], prototype, shrunk, inputs), written)
+    tell(rows, skipped, _remarks(rows, facts["filter"], prototype, shrunk, inputs), written)
     return rows
 
 

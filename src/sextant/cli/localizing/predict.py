@@ -11,7 +11,7 @@ from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.localizing.written_files import Replay, Row, draw_trajectory, write_poses
 from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.skipped_files import skipped_table
+from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.data.localization.frames import Photos, Video, find_frames
 from sextant.data.localization.odometry_file import OdometryFile, motions_of, read_odometry
@@ -114,14 +114,13 @@ def _animation(write: Callable[[Path], None], output: Path, kind: str, remarks: 
 
 
 def _tell(rows: list[Row], remarks: list[str], written: list[Path]) -> None:
-    lost, unseen = sum(row.told.lost for row in rows), [row for row in rows if row.problem]
+    lost, unseen = sum(row.told.lost for row in rows), {row.name: row.problem for row in rows if row.problem}
     degenerate = sum(row.told.degenerate for row in rows)
     console.print(
         f"{len(rows):,} images, {len(rows) - lost:,} localized, {lost:,} lost"
         + (f", [red]{len(unseen):,} could not be used[/]: nothing was seen there" if unseen else "")
     )
-    if unseen:
-        console.print(skipped_table({row.name: row.problem for row in unseen}))
+    tell_skipped(unseen)
     if degenerate:
         console.print(f"{degenerate:,} images could not have been taken anywhere near a particle and were dropped")
     for remark in remarks:

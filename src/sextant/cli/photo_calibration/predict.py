@@ -9,11 +9,11 @@ from sextant.applications.calibration.model import CalibrationModel
 from sextant.applications.calibration.one_camera import fuse_as_one_camera
 from sextant.applications.calibration.options import CalibrationOptions
 from sextant.applications.calibration.priors import use_prior
-from sextant.cli.output_folder import telling_write_errors
+from sextant.cli.output_folder import make_output
 from sextant.cli.photo_calibration.collected_files import write_collected
 from sextant.cli.photo_calibration.photo_files import write_photos
 from sextant.cli.photo_calibration.telling import tell
-from sextant.data.unusable_files import nothing_usable
+from sextant.cli.skipped_files import skipped_of
 
 
 def predict_calibrations(
@@ -24,8 +24,7 @@ def predict_calibrations(
     Raises:
         UserError: not one photo could be calibrated, they cannot be of one camera, or the disk is full.
     """
-    with telling_write_errors(output):
-        output.mkdir(parents=True, exist_ok=True)
+    make_output(output)
     rows: dict[Path, dict[str, Any]] = {path: {"file": str(path)} for path in paths}
     findings = list(find_cameras(model, list(rows), rows))
     summary = fuse_as_one_camera(findings, options) if options.camera == "one" and findings else None
@@ -34,8 +33,6 @@ def predict_calibrations(
             use_prior(finding, options)
     sheet = write_photos(model, findings, rows, output, options)
     write_collected(list(rows.values()), summary, sheet, output)
-    if not findings:
-        skipped = {row["file"]: row["error"] for row in rows.values()}
-        raise nothing_usable(f"none of {len(rows):,} photos could be calibrated", skipped)
-    tell(list(rows.values()), summary, output)
+    skipped = skipped_of(rows.values(), f"none of {len(rows):,} photos could be calibrated")
+    tell(list(rows.values()), skipped, summary, output)
     return list(rows.values())

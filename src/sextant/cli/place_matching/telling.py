@@ -8,7 +8,8 @@ from rich.markup import escape
 
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.cli.console import console, rows_table
-from sextant.cli.skipped_files import skipped_table
+from sextant.cli.output_folder import tell_written
+from sextant.cli.skipped_files import tell_skipped
 from sextant.data.places.problem_list import NAMED
 
 #: what a confidence is worth, in the terminal and in matches.json
@@ -32,15 +33,13 @@ def tell(
     if len(good) > NAMED:
         console.print(f"[dim]and {len(good) - NAMED:,} more in matches.csv[/]")
     for key, photos in described.items():
-        if photos.failed:
-            console.print(skipped_table(photos.failed, f"Skipped of {key}"))
+        tell_skipped(photos.failed, f"Skipped of {key}")
     for remark in remarks:
         console.print(f"[dim]{escape(remark)}[/]")
     if "right" in counted:
         console.print(_truth(counted))
-    failed = f", [red]{counted['failed']:,} failed[/]" if counted["failed"] else ""
-    console.print(f"{len(good):,} queries looked up among {len(described['map'].index):,} map images{failed}")
-    console.print(escape("\n".join(map(str, written))))
+    done = f"{len(good):,} queries looked up among {len(described['map'].index):,} map images"
+    tell_written(done, counted["failed"], written)
 
 
 def _line(row: Mapping[str, Any]) -> dict[str, str]:

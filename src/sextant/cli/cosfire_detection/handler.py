@@ -1,0 +1,48 @@
+"""Detection of what one example shows, as ``predict.py`` sees it."""
+
+from collections.abc import Mapping
+
+from sextant.cli.cosfire_detection.inputs import read_inputs
+from sextant.cli.cosfire_detection.options import KEYS
+from sextant.cli.output_folder import make_output
+from sextant.cli.predict_handler import Handler, find_run, outputs_of
+from sextant.errors import UserError
+
+
+class Detection(Handler):
+    """Says where in images is what one example shows."""
+
+    task = topic = named_by = "task=cosfire"
+    usage = (
+        "python predict.py task=cosfire prototype=<image> point=<x,y> input=<image, folder or pattern> output=<folder>"
+    )
+    keys = KEYS
+    needs = ("prototype", "input", "output")
+    shared = ("task", *Handler.shared)
+
+    def claims(self, given: Mapping[str, str]) -> bool:
+        """Whether ``task=cosfire`` is given, and no other task."""
+        own = [key for key in self.keys if key in given]
+        if own and "task" not in given:
+            raise UserError(f"{own[0]}= belongs to task=cosfire", self.usage)
+        if given.get("task", "cosfire") != "cosfire":
+            raise UserError(
+                f"task={given['task']}: only task=cosfire predicts without a run; any other task is that of run=",
+                f"{Handler.usage}\n{self.usage}",
+            )
+        return "task" in given
+
+    def predict(self, given: Mapping[str, str]) -> None:
+        """Detect."""
+        inputs = read_inputs(given)
+        make_output(inputs.output)
+        network = None
+        if "run" in given:
+            find_run(given)  # before anything heavy is imported
+            from sextant.applications.detection.network import trained_features
+
+            layer, trust = inputs.options.layer, given.get("trust") == "true"
+            network = trained_features(given["run"], outputs_of(given), layer, trust=trust)
+        from sextant.cli.cosfire_detection.predict import predict_detections
+
+        predict_detections(inputs, network)

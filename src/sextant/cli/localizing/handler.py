@@ -1,0 +1,45 @@
+"""The localization of images in a map, as ``predict.py`` sees it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from sextant.cli.localizing.options import KEYS, OUTPUT, localization_map, options_from
+from sextant.cli.output_folder import make_output
+from sextant.cli.predict_handler import Handler, Trained, outputs_of
+from sextant.errors import UserError
+
+
+class Localization(Handler):
+    """Says where images were taken."""
+
+    task = "localization"
+    topic = "localization"
+    usage = (
+        "python predict.py run=<run of localization, or a saved map> input=<folder of photos, or video> "
+        "[odometry=<table>] [output=localization]"
+    )
+    keys = KEYS
+    needs = ("input",)
+
+    def claims(self, given: Mapping[str, str]) -> bool:
+        """Whether ``run=`` names a map: no checkpoint is needed then."""
+        return "run" in given and localization_map(given["run"], outputs_of(given)) is not None
+
+    def predict(self, given: Mapping[str, str]) -> None:
+        """Localize images in the map."""
+        options = options_from(given)
+        output = Path(given.get("output", OUTPUT)).expanduser()
+        make_output(output)
+        folder = localization_map(given["run"], outputs_of(given))
+        assert folder is not None
+        from sextant.cli.localizing.predict import predict_poses
+
+        predict_poses(folder, given["input"], output, options, trust=given.get("trust") == "true")
+
+    def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
+        """Refuse a checkpoint without its map."""
+        raise UserError(
+            f"run={trained.reference}: this checkpoint of localization lies outside of its run's folder, which has the "
+            "map",
+            "Name the run's folder, or a folder that Localizer.save wrote.",
+        )

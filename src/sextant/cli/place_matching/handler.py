@@ -1,0 +1,53 @@
+"""The matching of places, as ``predict.py`` sees it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from sextant.cli.output_folder import make_output
+from sextant.cli.place_matching.inputs import read_inputs
+from sextant.cli.place_matching.options import INPUTS, KEYS
+from sextant.cli.predict_handler import Handler, Trained, open_run
+from sextant.errors import UserError
+
+
+class PlaceMatching(Handler):
+    """Says which photos of a map show the places of others."""
+
+    task = "place_recognition"
+    topic = "places"
+    usage = "python predict.py run=<...> map=<folder> queries=<folder> [output=matches]"
+    keys = INPUTS | KEYS
+    needs = ("run", *INPUTS)
+    shared = ("run", "output", "outputs", "trust")
+    named_by = "map= and queries="
+
+    def claims(self, given: Mapping[str, str]) -> bool:
+        """Whether there is a map or queries."""
+        return any(key in given for key in INPUTS)
+
+    def predict(self, given: Mapping[str, str]) -> None:
+        """Look queries up in the map."""
+        inputs = read_inputs(given)
+        make_output(inputs.output)
+        trained = open_run(given)
+        if trained.task != self.task:
+            raise UserError(f"map= belongs to {self.task}; this is a model of {trained.task}", Handler.usage)
+        from sextant.applications.places.run_facts import run_facts, run_temperature
+        from sextant.cli.place_matching.predict import predict_places
+        from sextant.config.schema import PlaceRecognitionTask
+        from sextant.trained.content import own_config
+        from sextant.trained.place_network import trained_place_network
+
+        found = trained.found
+        _, config = own_config(trained.about, trust=trained.trust)
+        assert isinstance(config.task, PlaceRecognitionTask)
+        network = trained_place_network(trained.content, found.checkpoint, found.identity, trust=trained.trust)
+        facts = run_facts(trained.reference, found, network.model, trained.about)
+        predict_places(network, inputs, run_temperature(found), config.task.test_tolerance, facts)
+
+    def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
+        """Refuse photos without a map."""
+        raise UserError(
+            f"run={trained.reference}: input= does not take models of place_recognition, which look photos up in a map",
+            self.usage,
+        )
