@@ -6,7 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sextant.evaluation.localization.trajectory_error import ErrorStatistics, absolute_errors, relative_errors
+from sextant.evaluation.localization.trajectory_error import (
+    ErrorStatistics,
+    absolute_errors,
+    pooled_errors,
+    relative_errors,
+)
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max", "sse")
 
@@ -195,3 +200,24 @@ def test_a_real_drive_has_the_errors_that_evo_finds(real_data):
         rows = np.loadtxt(real_data / "kitti" / file).reshape(-1, 3, 4)
         drives.append(np.concatenate([rows, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(rows), 1, 4))], axis=1))
     compare_with_evo(*drives, 1e-9)
+
+
+def test_errors_of_several_runs_are_pooled_over_a_span_of_each():
+    truth, guess = curve(3)
+    reference, estimate = np.stack([truth, truth], axis=1), np.stack([guess, moved(truth, 5, -2, 0.4)], axis=1)
+    found = pooled_errors(reference, estimate, [(10, 60), (20, 200)])
+    np.testing.assert_allclose(found.aligned[:50], absolute_errors(truth[10:60], guess[10:60], alignment="rigid"))
+    np.testing.assert_allclose(found.aligned[50:], 0, atol=1e-6)
+    assert len(found.aligned) == 50 + 180
+    np.testing.assert_allclose(found.step[:49], relative_errors(truth[10:60], guess[10:60]))
+    np.testing.assert_allclose(found.step_deg[:49], np.degrees(0.002), rtol=1e-6)
+    assert len(found.step) == len(found.step_deg) == 49 + 179
+
+
+@pytest.mark.parametrize("span", [(0, 0), (40, 41), (39, 45)])
+def test_runs_that_do_not_move_or_never_converged_are_not_aligned(span):
+    truth, _ = curve(0)
+    poses = truth[:, None]
+    found = pooled_errors(poses, np.where(np.isin(np.arange(200), range(*span))[:, None, None], poses, 9e9), [span])
+    assert found.aligned.size == 0
+    assert len(found.step) == max(span[1] - span[0] - 1, 0)

@@ -234,6 +234,10 @@ def test_a_trained_localizer_is_tested_with_another_fault(usual, cache, outputs)
     }
     results = json.loads(path.read_text())
     assert any(key.startswith("test/recovered_") for key in results["metrics"])
+    for name in ("ate_aligned_rmse", "rpe_rmse", "rpe_deg_rmse"):
+        values = [value for key, value in results["metrics"].items() if key.startswith(f"test/{name}_")]
+        assert values
+        assert all(0 < value < 5 for value in values)  # without the metres and degrees of the kidnapping
     assert results["metrics"]["test/success"] == pytest.approx(
         np.mean([found[key] for key in found if key.startswith("success/")])
     )

@@ -16,6 +16,7 @@ Sources: S. Umeyama, "Least-squares estimation of transformation parameters betw
 ends, statistics) are those of M. Grupp's evo 1.38, against whose results the tests compare.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +28,9 @@ from scipy.spatial.transform import Rotation
 Poses = Float[ndarray, "n 3"] | Float[ndarray, "n 4 4"]
 Alignment = Literal["none", "rigid", "similarity"]
 Part = Literal["translation", "rotation_deg"]
+Spans = Sequence[tuple[int, int]]
+#: extent below which a run stands still, in the unit of its positions
+STILL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,40 @@ def relative_errors(
     motions = _between(truth[first], truth[second]), _between(guess[first], guess[second])
     errors = _between(*motions)
     return np.asarray(np.linalg.norm(errors[:, :-1, -1], axis=1)) if part == "translation" else _angle_deg(errors)
+
+
+@dataclass(frozen=True)
+class PooledErrors:
+    """Errors of several runs, one after the other.
+
+    Attributes:
+        aligned: of each position, its run aligned by a rigid motion; runs that stand still have none.
+        step: of the motion from each pose to the next.
+        step_deg: of its rotation, in degrees.
+    """
+
+    aligned: Float[ndarray, " n"]
+    step: Float[ndarray, " pairs"]
+    step_deg: Float[ndarray, " pairs"]
+
+
+def pooled_errors(reference: Float[ndarray, "t r 3"], estimate: Float[ndarray, "t r 3"], spans: Spans) -> PooledErrors:
+    """Aligned and relative errors within a span of each run.
+
+    Args:
+        reference, estimate: poses by step and run.
+        spans: the first step of each run that counts, and the one after the last.
+    """
+    aligned, step, turned = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
+    for run, (first, end) in enumerate(spans):
+        truth, guess = reference[first:end, run], estimate[first:end, run]
+        if len(truth) == 0:
+            continue
+        if min(np.ptp(poses[:, :2], axis=0).max() for poses in (truth, guess)) > STILL:
+            aligned.append(absolute_errors(truth, guess, alignment="rigid"))
+        step.append(relative_errors(truth, guess))
+        turned.append(relative_errors(truth, guess, part="rotation_deg"))
+    return PooledErrors(*(np.concatenate(parts) for parts in (aligned, step, turned)))
 
 
 def align(

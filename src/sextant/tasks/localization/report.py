@@ -21,6 +21,7 @@ from sextant.evaluation.localization.success import (
     recovery_after,
     within,
 )
+from sextant.evaluation.localization.trajectory_error import pooled_errors
 from sextant.evaluation.protocols import RECOVERY_HORIZON, LocalizationProtocol
 from sextant.tasks.localization.test import Outcome, Trial
 from sextant.tasks.localization.validation import protocol_of
@@ -151,7 +152,7 @@ def _figures(judged: Judged, dof: int) -> dict[str, float]:
         "frames_to_converge_p90": judged.summary.p90_frames,
         "tracking": judged.summary.tracking,
         "position_error_median": _median(judged.position[later]),
-        "position_error_rmse": math.sqrt(float(np.mean(judged.position[later] ** 2))) if later.any() else math.nan,
+        "position_error_rmse": _rmse(judged.position[later]),
         "heading_error_deg_median": _median(judged.heading_deg[later]),
         "pose_nll": _mean(judged.outcome.nll.T[later]),
         "ess": float(np.mean(track.ess)),
@@ -164,10 +165,23 @@ def _figures(judged: Judged, dof: int) -> dict[str, float]:
             "frames_to_recover_median": judged.recovery.median_frames,
             "frames_to_recover_p90": judged.recovery.p90_frames,
         }
+    told |= _trajectory_figures(judged, headed=dof > 1)
     if len(judged.nees) and np.isfinite(judged.nees).any():
         calibration = posterior_calibration(judged.nees, dof, independent=len(judged.found))
         told |= {"nees_median": calibration.median, "coverage_95": calibration.coverage[0.95]}
     return told
+
+
+def _trajectory_figures(judged: Judged, *, headed: bool) -> dict[str, float]:
+    """Root mean squares over each run from convergence to its end or its kidnap: aligned (ATE), and a step (RPE)."""
+    runs = judged.outcome.runs
+    ends = np.where(runs.kidnapped_at < 0, runs.lengths, runs.kidnapped_at)
+    spans = [
+        (int(begin), int(end)) if begin != NEVER else (0, 0) for begin, end in zip(judged.converged, ends, strict=True)
+    ]
+    errors = pooled_errors(runs.poses, judged.outcome.track.pose, spans)
+    values = {"ate_aligned_rmse": _rmse(errors.aligned), "rpe_rmse": _rmse(errors.step)}
+    return values | ({"rpe_deg_rmse": _rmse(errors.step_deg)} if headed else {})
 
 
 def table(found: Mapping[str, Judged]) -> list[dict[str, str]]:
@@ -290,6 +304,10 @@ def _file(name: str) -> str:
 
 def _median(values: ndarray) -> float:
     return float(np.median(values)) if len(values) else math.nan
+
+
+def _rmse(errors: ndarray) -> float:
+    return math.sqrt(float(np.mean(errors**2))) if len(errors) else math.nan
 
 
 def _mean(values: ndarray) -> float:
