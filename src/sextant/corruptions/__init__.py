@@ -7,6 +7,7 @@ from sextant.corruptions.corruption import Corruption
 from sextant.corruptions.eight_bit import eight_bit, to_bytes
 from sextant.corruptions.noise.contrast_poisson import ContrastPoisson
 from sextant.corruptions.noise.gaussian_noise import GaussianNoise
+from sextant.corruptions.perturbation_suite import PerturbationSuite
 from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.stored_suite import StoredSuite
 from sextant.corruptions.suite import Condition, CorruptionSuite
@@ -21,6 +22,7 @@ __all__ = [
     "CorruptionSuite",
     "GaussianNoise",
     "Mode",
+    "PerturbationSuite",
     "Protocol",
     "StoredSuite",
     "benchmark_set",

@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.corruptions import BenchmarkSuite, CorruptionSuite, GaussianNoise
+from sextant.corruptions import BenchmarkSuite, CorruptionSuite, GaussianNoise, PerturbationSuite
 from sextant.evaluation import ALEXNET_CIFAR10_C
 from sextant.models import LeNet
-from sextant.tasks.classification.report import corruption_metrics, result_figures, sheet_conditions
+from sextant.tasks.classification.report import (
+    condition_metrics,
+    corruption_metrics,
+    result_figures,
+    sheet_conditions,
+)
 from sextant.tasks.classification.result import ClassificationResult
 
 CLASSES = tuple(str(i) for i in range(10))
@@ -52,3 +57,33 @@ def test_a_published_set_has_a_heat_map_in_place_of_curves():
     images = torch.zeros(12, 1, 28, 28, dtype=torch.uint8)
     names = [name for name, _ in result_figures(result, suite, LeNet("A", 1, (28, 28), 10), CLASSES, images)]
     assert names == ["corruption_heatmap", "confusion_matrix", "contact_sheet", "first_kernels"]
+
+
+def test_perturbations_are_judged_by_how_often_the_class_changes_along_them():
+    suite = PerturbationSuite(["gaussian_noise", "rotate"])
+    predictions = {c.key: np.zeros(4, np.uint8) for c in suite.conditions()}
+    predictions["gaussian_noise/3"] = np.array([1, 1, 0, 0], np.uint8)  # differs from the first frame, twice of 4 x 30
+    predictions["rotate/3"] = np.array([1, 0, 0, 0], np.uint8)  # there and back, twice of 4 x 30
+    result = ClassificationResult(np.zeros(4, np.int64), np.arange(4), predictions)
+    assert condition_metrics(result, suite) == pytest.approx(
+        {
+            "test/accuracy/clean": 1.0,
+            "test/flip_probability/gaussian_noise": 2 / 120,
+            "test/flip_probability/rotate": 2 / 120,
+        }
+    )
+
+
+def test_the_mean_flip_probability_needs_all_ten_perturbations():
+    suite = PerturbationSuite()
+    same = {c.key: np.zeros(2, np.uint8) for c in suite.conditions()}
+    metrics = condition_metrics(ClassificationResult(np.zeros(2, np.int64), np.arange(2), same), suite)
+    assert metrics["test/flip_probability/mean"] == 0
+    assert len(metrics) == 12
+
+
+def test_other_suites_have_an_accuracy_of_each_condition():
+    suite = CorruptionSuite({"gaussian": GaussianNoise([0.1])})
+    found = {"clean": np.array([0, 1]), "gaussian/0.1": np.array([0, 0])}
+    metrics = condition_metrics(ClassificationResult(np.array([0, 1]), np.arange(2), found), suite)
+    assert metrics == {"test/accuracy/clean": 1.0, "test/accuracy/gaussian/0.1": 0.5}

@@ -1,6 +1,6 @@
 """Image classification, tested under corruptions that training never saw (chapter 7)."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytorch_lightning as pl
@@ -14,13 +14,10 @@ from sextant.data.source import ImageSpec
 from sextant.evaluation import classification_converged
 from sextant.layers import implementations, skipped
 from sextant.models import network_cost
-from sextant.tasks.classification.report import corruption_metrics
+from sextant.tasks.classification.report import condition_metrics
 from sextant.tasks.classification.result import ClassificationResult
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
-
-if TYPE_CHECKING:
-    pass
 
 
 class Classification(pl.LightningModule):
@@ -102,15 +99,13 @@ class Classification(pl.LightningModule):
         self._test_indices.append(batch.indices.cpu())
 
     def on_test_epoch_end(self) -> None:
-        """Keep the predictions as :attr:`result`; log ``test/accuracy/<condition>``, and errors of a published set."""
+        """Keep the predictions as :attr:`result`; log accuracies, errors of a published set, or flip probabilities."""
         small = torch.uint8 if len(self.spec.classes) <= 256 else torch.int64
         predictions = {c.key: torch.cat(chosen).to(small).numpy() for c, chosen in self._test.items()}
         labels, indices = torch.cat(self._test_labels).numpy(), torch.cat(self._test_indices).numpy()
         self.result = ClassificationResult(labels, indices, predictions)
         self._test, self._test_labels, self._test_indices = {}, [], []
-        accuracy = self.result.accuracy()
-        self.log_dict({f"test/accuracy/{key}": value for key, value in accuracy.items()})
-        self.log_dict(corruption_metrics(accuracy, self.suite))
+        self.log_dict(condition_metrics(self.result, self.suite))
 
     def predict_step(self, images: Tensor) -> Tensor:
         """Class probabilities ``(b, k)`` of images in [0, 1]."""

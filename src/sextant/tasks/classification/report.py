@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 from jaxtyping import UInt8
 from torch import Tensor, nn
 
-from sextant.corruptions import Condition, CorruptionSuite
+from sextant.corruptions import Condition, CorruptionSuite, PerturbationSuite
 from sextant.evaluation import (
     ALEXNET_CIFAR10_C,
     ALEXNET_IMAGENET_C,
@@ -15,6 +16,12 @@ from sextant.evaluation import (
     CorruptionBaseline,
     CorruptionErrors,
     corruption_score,
+)
+from sextant.evaluation.classification.flip_probability import (
+    BENCHMARK_PERTURBATIONS,
+    flip_probability,
+    is_noise,
+    mean_flip_probability,
 )
 
 if TYPE_CHECKING:
@@ -32,6 +39,26 @@ SEVERITIES = 5
 def errors_of(accuracy: Mapping[str, float]) -> CorruptionErrors:
     """Errors from accuracies by condition key."""
     return CorruptionErrors.of_conditions({key: 1 - value for key, value in accuracy.items()})
+
+
+def condition_metrics(result: "ClassificationResult", suite: CorruptionSuite) -> dict[str, float]:
+    """``test/accuracy/<condition>`` with the errors of a published set, or the flip probabilities of perturbations."""
+    accuracy = result.accuracy()
+    if isinstance(suite, PerturbationSuite):
+        return {"test/accuracy/clean": accuracy["clean"]} | flip_metrics(result, suite)
+    named = {f"test/accuracy/{key}": value for key, value in accuracy.items()}
+    return named | corruption_metrics(accuracy, suite)
+
+
+def flip_metrics(result: "ClassificationResult", suite: PerturbationSuite) -> dict[str, float]:
+    """``test/flip_probability/<perturbation>``, and ``mean`` where all ten of the benchmark are there."""
+    found = {}
+    for name in suite.corruptions:
+        frames = np.stack([result.predictions[condition.key] for condition in suite.sequence(name)], axis=1)
+        found[name] = flip_probability(frames, against_first=is_noise(name))
+    if set(BENCHMARK_PERTURBATIONS) <= set(found):
+        found["mean"] = mean_flip_probability(found)
+    return {f"test/flip_probability/{name}": value for name, value in found.items()}
 
 
 def corruption_metrics(accuracy: Mapping[str, float], suite: CorruptionSuite) -> dict[str, float]:

@@ -59,4 +59,14 @@ class StoredSuite(Part):
     severities: Annotated[list[int], AfterValidator(distinct)] | None = Field(examples=["[1,3,5]"])
 
 
-TestConditions = Annotated[CorruptionSuite | BenchmarkSuite | StoredSuite | CustomPart, CHOSEN_BY_TARGET]
+class PerturbationSuite(Part):
+    """Sequences in which an image changes little by little."""
+
+    target: Literal["sextant.corruptions.PerturbationSuite"] = Field(alias="_target_")
+    names: list[str] | None = Field(examples=["[translate,rotate]"])
+    seed: Seed = Field(examples=[0])
+
+
+TestConditions = Annotated[
+    CorruptionSuite | BenchmarkSuite | StoredSuite | PerturbationSuite | CustomPart, CHOSEN_BY_TARGET
+]
