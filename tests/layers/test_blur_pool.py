@@ -6,8 +6,16 @@ from hypothesis import strategies as st
 from scipy.ndimage import convolve1d
 from torch import nn
 
-from sextant.errors import UserError
-from sextant.layers import BlurPool2d, PushPullConv2d, anti_alias, anti_aliased_conv, anti_aliased_pool, blur_pool
+from sextant.errors import ArgumentError, UserError
+from sextant.layers import (
+    AntiAliasing,
+    BlurPool2d,
+    PushPullConv2d,
+    anti_alias,
+    anti_aliased_conv,
+    anti_aliased_pool,
+    blur_pool,
+)
 from sextant.layers.blur_pool import binomial_taps
 
 SCIPY_BORDER = {"zeros": "constant", "reflect": "mirror", "replicate": "nearest", "circular": "wrap"}
@@ -57,9 +65,9 @@ def test_gradients_are_those_of_finite_differences():
 
 @pytest.mark.parametrize("options", [{"taps": 0}, {"stride": 0}, {"stride": (1, 0)}])
 def test_what_cannot_be_is_refused(options):
-    with pytest.raises(ValueError, match="needs taps >= 1"):
+    with pytest.raises(ArgumentError, match=r"taps=.* must be at least 1"):
         BlurPool2d(**options)
-    with pytest.raises(ValueError, match="needs taps >= 1"):
+    with pytest.raises(ArgumentError, match=r"taps=.* must be at least 1"):
         blur_pool(torch.zeros(1, 1, 8, 8), **options)
 
 
@@ -131,3 +139,41 @@ def test_a_resnet_is_anti_aliased_wherever_it_subsamples():
 def test_a_network_that_never_subsamples_is_refused():
     with pytest.raises(UserError, match="matches no Conv2d"):
         anti_alias(nn.Sequential(nn.Conv2d(1, 2, 3), nn.MaxPool2d(3, 1)))
+
+
+def test_an_experiment_can_choose_it():
+    network = AntiAliasing(taps=5)(nn.Sequential(nn.Conv2d(1, 4, 3), nn.MaxPool2d(2)))
+    assert isinstance(network[1][1], BlurPool2d)
+    assert network[1][1].taps == 5
+    assert network(torch.zeros(1, 1, 16, 16)).shape == (1, 4, 7, 7)
+
+
+@pytest.mark.parametrize("padding_mode", list(SCIPY_BORDER))
+@pytest.mark.filterwarnings("ignore:.*torch.jit:FutureWarning")
+def test_it_can_be_scripted_and_traced(padding_mode):
+    layer = BlurPool2d(4, (2, 3), padding_mode)
+    scripted = torch.jit.script(layer)
+    for images in (torch.randn(2, 3, 9, 11), torch.randn(5, 8, 12)):
+        assert torch.equal(scripted(images), layer(images))
+        assert torch.equal(torch.fx.symbolic_trace(layer)(images), layer(images))
+
+
+@pytest.mark.parametrize("dynamo", [False, True])
+@pytest.mark.filterwarnings("ignore::torch.jit.TracerWarning", "ignore::FutureWarning", "ignore::DeprecationWarning")
+def test_both_onnx_exporters_take_it(dynamo, tmp_path):
+    for needed in ("onnx", "onnxscript"):
+        pytest.importorskip(needed)
+    runtime = pytest.importorskip("onnxruntime")
+    network = AntiAliasing()(nn.Sequential(nn.Conv2d(3, 4, 3, 2, 1), nn.ReLU(), nn.MaxPool2d(2))).eval()
+    images = torch.randn(2, 3, 20, 24)
+    torch.onnx.export(network, (images,), tmp_path / "network.onnx", dynamo=dynamo, verbose=False)
+    session = runtime.InferenceSession(tmp_path / "network.onnx", providers=["CPUExecutionProvider"])
+    (outputs,) = session.run(None, {session.get_inputs()[0].name: images.numpy()})
+    torch.testing.assert_close(torch.from_numpy(outputs), network(images), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+def test_it_works_in_every_precision(dtype):
+    images = torch.randn(1, 2, 8, 8, dtype=dtype)
+    assert BlurPool2d()(images).dtype == dtype
+    assert BlurPool2d().to(dtype)(images).dtype == dtype

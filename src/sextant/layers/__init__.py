@@ -1,6 +1,6 @@
 """Layers: push-pull inhibition, anti-aliased pooling, and surgery that puts them into any network."""
 
-from sextant.layers.anti_aliasing import anti_alias, anti_aliased_conv, anti_aliased_pool
+from sextant.layers.anti_aliasing import AntiAliasing, anti_alias, anti_aliased_conv, anti_aliased_pool
 from sextant.layers.blur_pool import BlurPool2d, blur_pool
 from sextant.layers.fold import fold
 from sextant.layers.inhibition import (
@@ -20,6 +20,7 @@ from sextant.layers.strength import strength_path
 from sextant.layers.surgery import Conversion, Rule, convert, first_conv
 
 __all__ = [
+    "AntiAliasing",
     "BlurPool2d",
     "Conversion",
     "NoInhibition",

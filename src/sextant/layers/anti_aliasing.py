@@ -3,12 +3,32 @@
 Source: R. Zhang, "Making convolutional networks shift-invariant again", ICML 2019, section 3.2.
 """
 
+from dataclasses import dataclass
 from functools import partial
 
 from torch import nn
 
 from sextant.layers.blur_pool import BlurPool2d
 from sextant.layers.surgery import Conversion, Rule, convert
+
+
+@dataclass(frozen=True)
+class AntiAliasing:
+    """Blurs before every subsampling of a network: the rival of inhibition, which also steadies predictions.
+
+    >>> AntiAliasing(taps=5)(nn.Sequential(nn.Conv2d(1, 4, 3), nn.MaxPool2d(2)))[1][1]
+    BlurPool2d(taps=5, stride=(2, 2), padding_mode=reflect)
+
+    Args:
+        taps: length of the binomial filter.
+    """
+
+    taps: int = 3
+
+    def __call__(self, network: nn.Module) -> nn.Module:
+        """Change ``network`` in place and return it; :func:`anti_alias` has the errors."""
+        anti_alias(network, self.taps)
+        return network
 
 
 def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversion:

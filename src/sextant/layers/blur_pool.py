@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.errors import ArgumentError
 from sextant.layers.conv_geometry import PaddingMode, pair
 
 
@@ -35,32 +36,44 @@ def blur_pool(
         padding_mode: how the border is filled; with ``zeros`` the edges darken, with the others a constant image stays.
 
     Raises:
-        ValueError: ``taps`` or ``stride`` is below 1.
+        ArgumentError: ``taps`` or ``stride`` is below 1.
     """
-    steps = pair(stride)
-    if taps < 1 or min(steps) < 1:
-        raise ValueError(f"blur_pool needs taps >= 1 and stride >= 1, got taps={taps}, stride={stride}")
-    before, after = (taps - 1) // 2, taps // 2
-    mode = "constant" if padding_mode == "zeros" else padding_mode
-    x = F.pad(x, (before, after, before, after), mode=mode)
-    channels = x.shape[-3]
-    profile = binomial_taps(taps, dtype=x.dtype, device=x.device)
-    kernel = (profile[:, None] * profile).expand(channels, 1, taps, taps)
-    return F.conv2d(x, kernel, None, steps, groups=channels)
+    return BlurPool2d(taps, stride, padding_mode)(x)  # type: ignore[no-any-return]
 
 
 class BlurPool2d(nn.Module):
-    """:func:`blur_pool` as a layer, for any number of channels. It has no parameters."""
+    """:func:`blur_pool` as a layer, for any number of channels; it has no parameters.
+
+    It can be scripted, traced and exported.
+
+    >>> BlurPool2d()(torch.ones(1, 8, 32, 32)).shape
+    torch.Size([1, 8, 16, 16])
+
+    Args:
+        taps, stride, padding_mode: as for :func:`blur_pool`.
+    """
+
+    kernel: Tensor
 
     def __init__(self, taps: int = 3, stride: int | tuple[int, int] = 2, padding_mode: PaddingMode = "reflect") -> None:
         super().__init__()
-        if taps < 1 or min(pair(stride)) < 1:
-            raise ValueError(f"BlurPool2d needs taps >= 1 and stride >= 1, got taps={taps}, stride={stride}")
-        self.taps, self.stride, self.padding_mode = taps, stride, padding_mode
+        rows, columns = pair(stride)
+        if taps < 1 or min(rows, columns) < 1:
+            raise ArgumentError(f"taps={taps} and stride={stride} must be at least 1")
+        self.taps, self.stride, self.padding_mode = taps, (rows, columns), padding_mode
+        self.border = [(taps - 1) // 2, taps // 2] * 2
+        self.border_mode = "constant" if padding_mode == "zeros" else str(padding_mode)
+        profile = binomial_taps(taps, dtype=torch.float64)
+        self.register_buffer("kernel", (profile[:, None] * profile)[None, None], persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
         """Filter and subsample images of shape (*b, c, h, w)."""
-        return blur_pool(x, self.taps, self.stride, self.padding_mode)
+        channels = x.size(-3)
+        if torch.jit.is_tracing():  # type: ignore[attr-defined]
+            channels = int(channels)  # a constant, without which the older ONNX exporter knows no kernel
+        padded = F.pad(x, self.border, mode=self.border_mode)
+        kernel = self.kernel.to(x).expand(channels, 1, self.taps, self.taps)
+        return F.conv2d(padded, kernel, None, self.stride, groups=channels)
 
     def extra_repr(self) -> str:
         """Its settings."""

@@ -172,4 +172,13 @@ class PushPullAvgInhibition(Part):
     impl: Literal["box", "direct"]
 
 
-Inhibition = Annotated[NoInhibition | PushPullInhibition | PushPullAvgInhibition | CustomPart, CHOSEN_BY_TARGET]
+class AntiAliasing(Part):
+    """A blur before every subsampling."""
+
+    target: Literal["sextant.layers.AntiAliasing"] = Field(alias="_target_")
+    taps: Count = Field(examples=[3])
+
+
+Inhibition = Annotated[
+    NoInhibition | PushPullInhibition | PushPullAvgInhibition | AntiAliasing | CustomPart, CHOSEN_BY_TARGET
+]
