@@ -23,9 +23,9 @@ from rich.table import Table
 from scipy.stats import kendalltau
 
 from benchmarks.nordland_town import PLACES, SETTINGS, town_traverses
+from benchmarks.traverse_statistics import PlaceStatistics, place_statistics
 from sextant.cli.arguments import parse_arguments
 from sextant.errors import UserError
-from sextant.evaluation.place_statistics import PlaceStatistics, place_statistics
 from sextant.runs.outputs_folder import default_outputs
 
 USAGE = """python -m benchmarks.place_statistics reference=<images> query=<images> [reference2=<images> query2=<images>]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.traverse_statistics import place_statistics
 from sextant.cli.compose import compose, to_plain
 from sextant.data.rendered import open_store
 from sextant.data.worlds import TownSeasons
-from sextant.evaluation.place_statistics import place_statistics
 
 PLACES = 200
 SMALL = {"dimensions": 32, "height": 16, "width": 32}

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import torch
+from evaluation.classification.published_results import read_corruption_details
 from PIL import Image
 from support import as_published
 
@@ -16,7 +17,6 @@ from sextant.cli.show import show_result, show_start
 from sextant.corruptions import BenchmarkSuite
 from sextant.data.cifar10 import CIFAR10
 from sextant.errors import UserError
-from sextant.evaluation.classification.published_results import read_corruption_details
 from sextant.lifecycle.published_figures import same_images
 from sextant.models import DenseNetCifar, ResNetCifar, load_published
 from sextant.recipes.trained_model import model_from_checkpoint

@@ -5,6 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluation.classification.published_results import (
+    TABLE_3,
+    read_clean_errors,
+    read_corruption_details,
+    read_labelled,
+)
 
 from sextant.errors import UserError
 from sextant.evaluation.classification.corruption_baseline import ALEXNET_CIFAR10_C
@@ -12,12 +18,6 @@ from sextant.evaluation.classification.corruption_difference import corruption_d
 from sextant.evaluation.classification.corruption_error import ALL_19, BENCHMARK_15, CorruptionErrors
 from sextant.evaluation.classification.corruption_score import corruption_score
 from sextant.evaluation.classification.flip_probability import mean_flip_probability
-from sextant.evaluation.classification.published_results import (
-    TABLE_3,
-    read_clean_errors,
-    read_corruption_details,
-    read_labelled,
-)
 
 #: mean error by model and corruption in per cent, as in the authors' ``results/*/*/C_average.txt``, MIT licence
 MEANS = Path(__file__).parent / "published" / "push_pull_cifar10_c.csv"

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy import stats
 
-from sextant.evaluation import place_statistics as module
-from sextant.evaluation.place_statistics import (
+from benchmarks import traverse_statistics as module
+from benchmarks.traverse_statistics import (
     cross_condition,
     image_statistics,
     place_statistics,
