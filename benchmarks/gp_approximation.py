@@ -35,7 +35,7 @@ from rich.table import Table
 from scipy.stats import kendalltau
 
 from benchmarks.machine import describe_machine
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.localization.datamodule import LocalizationDataModule
 from sextant.data.localization.drive import Drive

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.data.rendered import open_store
 from sextant.data.worlds.towns import TownSeasons, TownSeasonsPlan, town_seed
 from sextant.worlds.town import Town

@@ -14,7 +14,7 @@ REPEATS = 3
 
 
 def run() -> list[tuple[str, str, str, str, str]]:
-    from sextant.cli.compose import compose, to_plain
+    from sextant.composing.compose import compose, to_plain
     from sextant.tracking.environment import quiet_libraries
 
     quiet_libraries()

@@ -10,14 +10,15 @@ from pathlib import Path
 from sextant import cli
 from sextant.cli import corruptions_make, dashboard, gallery, predict, report
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.compose import compose, to_plain
-from sextant.cli.config_files import groups
 from sextant.cli.cosfire_detection.options import options_from as detection_options
-from sextant.cli.evaluate import checkpoint_config, split_run
+from sextant.cli.evaluate import split_run
 from sextant.cli.photo_calibration.options import options_from as calibration_options
-from sextant.cli.sweep_plan import cell_config, read_design
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import groups
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked
+from sextant.lifecycle.evaluation import checkpoint_config
+from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes import recipe_of
 
 ROOT = Path(__file__).parents[1]
@@ -86,7 +87,7 @@ def check(command: Command) -> None:
 
 
 def _train(command: Command, words: list[str]) -> None:
-    overrides = [word for word in words if word != "-m"]
+    overrides = [word for word in words if word != "-m" and not word.startswith("--config-dir=")]
     if "-m" not in words:
         _among(command.text, "without -m", ["without -m"] if not any(w.startswith("sweep=") for w in words) else [])
         checked(to_plain(compose(overrides)))

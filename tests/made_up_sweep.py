@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from sextant.atomic_files import write_json
-from sextant.reports.results import SweepResults, load_results
+from sextant.lifecycle.results import sweep_results
+from sextant.reports.results import SweepResults
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
 
@@ -39,7 +40,7 @@ def made_up_sweep(folder: Path, arms: Mapping[str, list[MadeUpRun]], **definitio
     cells = []
     for arm, runs in arms.items():
         for pair, run in enumerate(runs):
-            directory = RunDirectory(folder / "runs" / f"{run.setting}-{arm}-{pair}")
+            directory = RunDirectory(folder / "runs" / "classification" / f"{run.setting}-{arm}-{pair}")
             path = directory.path.relative_to(folder).as_posix()
             cells.append(Cell({"model": run.setting}, arm, pair, pair, arm, path))
             directory.path.mkdir(parents=True)
@@ -47,4 +48,4 @@ def made_up_sweep(folder: Path, arms: Mapping[str, list[MadeUpRun]], **definitio
             found = {"outcome": run.outcome, "metrics": {}, "parameters": 1234, "timing": {"fit_s": run.seconds}}
             found |= {} if run.protocol is None else {"protocol": run.protocol}
             write_json(directory.metrics, found | ({} if run.cost is None else {"cost": run.cost}))
-    return load_results(SweepPlan("made_up", definition, [], cells).write(folder), folder)
+    return sweep_results(SweepPlan("made_up", definition, [], cells).write(folder))

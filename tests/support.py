@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 
 #: A run of a second or two: two epochs of the digit scans, three test conditions.
 QUICK = (

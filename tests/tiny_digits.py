@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 

@@ -6,13 +6,24 @@ Importing ``sextant`` itself imports nothing heavy.
 """
 
 from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
 APPLICATIONS = ("ImageClassifier", "Localizer")
+#: what is imported when it is asked for, and from where
+LAZY = {
+    **dict.fromkeys(APPLICATIONS, "sextant.applications"),
+    **dict.fromkeys(("run", "sweep", "evaluate"), "sextant.lifecycle.library"),
+    **dict.fromkeys(("load_results", "report"), "sextant.lifecycle.results"),
+}
 
 
-def __getattr__(name: str) -> object:
-    """``sextant.Localizer`` and other applications, imported when they are asked for."""
-    if name in APPLICATIONS:
-        return getattr(import_module("sextant.applications"), name)
+def __getattr__(name: str) -> Any:
+    """``sextant.Localizer``, ``sextant.run`` and others, imported when they are asked for."""
+    if name in LAZY:
+        return getattr(import_module(LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *LAZY]

@@ -8,7 +8,7 @@ from calibration_toy import panorama
 from PIL import Image
 
 from sextant.cli import evaluate, predict
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory

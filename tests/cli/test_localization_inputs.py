@@ -7,10 +7,10 @@ from PIL import Image
 from support import quick_config
 from tiny_office import office_arguments, office_cache
 
-from sextant.cli.compose import compose, to_plain
 from sextant.cli.console import reporting_mistakes
-from sextant.cli.train import preflight
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
+from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.execute import execute, run_digest
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.localization.module import Localization

@@ -9,7 +9,7 @@ from PIL import Image
 from support import as_published
 
 from sextant.cli import evaluate
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute

@@ -5,9 +5,9 @@ import pytest
 from data.places.place_pictures import write_pictures
 
 from sextant.cli import evaluate
-from sextant.cli.compose import compose, to_plain
 from sextant.cli.console import reporting_mistakes
-from sextant.cli.train import preflight
+from sextant.composing.compose import compose, to_plain
+from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.places.module import PlaceRecognition

@@ -12,7 +12,7 @@ from support import quick_config
 from tiny_digits import digits_config
 from tiny_office import office_cache, office_config
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config.schema.environment import Trainer
 from sextant.config.validate import validate
 from sextant.errors import UserError

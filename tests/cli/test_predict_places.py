@@ -20,11 +20,11 @@ from sextant.applications.places.matching import match
 from sextant.applications.places.run_facts import Temperature
 from sextant.atomic_files import write_sealed_json
 from sextant.cli import predict, predict_handler
-from sextant.cli.compose import compose, to_plain
 from sextant.cli.place_matching import gallery_pages
 from sextant.cli.place_matching.inputs import read_inputs
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
 from sextant.cli.place_matching.predict import predict_places
+from sextant.composing.compose import compose, to_plain
 from sextant.data.places.decoded_images import ImageSize
 from sextant.errors import UserError
 from sextant.evaluation.places.positives import Positives

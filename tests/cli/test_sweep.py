@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sextant.atomic_files import write_json
-from sextant.cli.compose import compose, to_plain
 from sextant.cli.sweep import run_sweep
-from sextant.cli.sweep_plan import make_plan
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.lifecycle.execute import run_digest
+from sextant.lifecycle.sweep_plan import make_plan
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import find_sweep, read_plan
 
@@ -36,7 +36,7 @@ def launcher(outputs, started, failing=()):
         for overrides in jobs:
             started.append(overrides)
             failed = any(word in overrides for word in failing)
-            outcomes.append({"outcome": "failed" if failed else "finished", "message": "no" if failed else ""})
+            outcomes.append({"status": "failed" if failed else "finished", "message": "no" if failed else ""})
         plan = read_plan(find_sweep("shared", outputs))
         for cell in plan.cells:
             run = RunDirectory(outputs / cell.run)

@@ -6,8 +6,8 @@ import pytest
 import torch
 from hydra.utils import instantiate
 
-from sextant.cli.compose import compose, to_plain
-from sextant.cli.config_files import groups
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import groups
 from sextant.config.build_part import build_part
 
 PARTS = [(group, option) for group in ("pooling", "backbone", "inhibition") for option in sorted(groups()[group])]

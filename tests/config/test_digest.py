@@ -1,6 +1,6 @@
 import copy
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import digest, validate
 
 

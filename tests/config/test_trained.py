@@ -2,7 +2,7 @@
 
 import pytest
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config.trained import trained_config
 from sextant.errors import UserError
 

@@ -4,7 +4,7 @@ import copy
 
 import pytest
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
 

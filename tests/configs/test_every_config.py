@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from sextant.cli.compose import compose, to_plain
-from sextant.cli.config_files import groups
-from sextant.cli.sweep_plan import cell_config, read_design
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import groups
 from sextant.config import validate
 from sextant.config.building import build
 from sextant.config.schema import CosfireTask
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
+from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes.assemble import build_dataset
 from sextant.recipes.cosfire_checks import check_parts
 from sextant.runs.outputs_folder import conf_dir

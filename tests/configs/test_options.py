@@ -5,7 +5,7 @@ import pytest
 import torch
 from data.localization.drives import circle
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.building import build
 from sextant.geometry import Parameterization, ParameterSpace

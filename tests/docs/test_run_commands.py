@@ -46,6 +46,7 @@ RUN = {
 }
 #: why the others are not: what such a command begins with or holds
 NOT_RUN = {
+    r"^python train\.py --config-dir": "needs config files of one's own; tests/cli/test_train.py",
     r"^python -m benchmarks": "times an otherwise idle machine for minutes",
     r"^python (train|report)\.py .*sweep=": "a sweep of hours; every cell is composed by tests/configs",
     r"^python train\.py -m ": "eight runs of minutes",

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.traverse_statistics import place_statistics
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.data.rendered import open_store
 from sextant.data.worlds import TownSeasons
 

@@ -174,16 +174,16 @@ def test_a_nan_loss_stops_the_run_and_names_the_step(tmp_path, monkeypatch):
     assert "step 25" in RunDirectory(run).state()["failure"]
     assert RunDirectory(run).results()["outcome"] == "diverged"
     cell = execute_cell(raw)  # the same nan is not looked for again
-    assert (cell["outcome"], cell["reused"]) == ("diverged", True)
+    assert (cell["status"], cell["reused"]) == ("diverged", True)
     assert "step 25" in cell["message"]
     other = execute_cell({**raw, "seed": 1})
-    assert (other["outcome"], other["reused"]) == ("diverged", False)
+    assert (other["status"], other["reused"]) == ("diverged", False)
 
 
 def test_a_failing_cell_is_an_outcome_and_not_an_exception(tmp_path):
     raw = quick_config(tmp_path, "tracking=none", "dataset=image_folder", "dataset.folder=/nowhere")
     cell = execute_cell(raw)
-    assert cell["outcome"] == "failed"
+    assert cell["status"] == "failed"
     assert "no such folder" in cell["message"]
 
 

@@ -10,7 +10,7 @@ from safetensors.torch import save_file
 from support import as_published
 from torchvision import models
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.config.schema.places.parts import OffTheShelf
 from sextant.errors import UserError

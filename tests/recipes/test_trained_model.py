@@ -12,11 +12,12 @@ from support import as_published
 
 from sextant.atomic_files import write_json
 from sextant.cli import evaluate
-from sextant.cli.evaluate import checkpoint_config
 from sextant.cli.show import show_result, show_start
 from sextant.corruptions import BenchmarkSuite
 from sextant.data.cifar10 import CIFAR10
 from sextant.errors import UserError
+from sextant.lifecycle.evaluation import checkpoint_config
+from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import same_images
 from sextant.models import DenseNetCifar, ResNetCifar, load_published
 from sextant.recipes.trained_model import model_from_checkpoint
@@ -65,7 +66,7 @@ def shown(capsys, published, accuracy, tmp_path, **changes):
     told = published[KEY]["published"] | {"same_images": same_images(raw, config)} | changes
     results = {"metrics": {"test/accuracy/clean": accuracy}, "outcome": "finished", "parameters": 3}
     write_json(directory.metrics, results | {"published": told, "timing": {"fit_s": 0.0, "test_s": 1.0}})
-    show_result(directory, task="classification", reused=False)
+    show_result(Outcome("finished", directory.path))
     return " ".join(capsys.readouterr().out.split())
 
 

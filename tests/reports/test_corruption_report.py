@@ -16,7 +16,7 @@ from sextant.reports.corruption_contrasts import corruption_contrasts
 from sextant.reports.corruption_errors import OverSeeds, arm_errors, baseline_of
 from sextant.reports.corruption_report import corruption_section
 from sextant.reports.corruption_tables import difference_table, overview_table, score_table
-from sextant.reports.measure import measured
+from sextant.reports.measure import classified
 from sextant.reports.shared_set import SharedSet, shared_set
 from sextant.reports.sweep_report import write_report
 
@@ -67,7 +67,7 @@ def test_the_mean_over_images_is_the_mean_over_corruptions(data):
     counts = st.integers(0, IMAGES)
     severities = {name: tuple(range(1, data.draw(st.integers(1, 5)) + 1)) for name in ("fog", "snow", "stripe")}
     shared = SharedSet((("cifar10_c", ""),), severities)
-    found = measured(predictions({key: data.draw(counts) for key in shared.keys}), shared)
+    found = classified(predictions({key: data.draw(counts) for key in shared.keys}), shared)
     assert found.by_condition["corrupted"].mean() == pytest.approx(100 * found.errors.mean())
     assert found.by_condition["clean"].mean() == pytest.approx(100 * found.errors.clean)
 
@@ -76,7 +76,7 @@ def test_the_mean_over_images_is_the_mean_over_corruptions(data):
 def test_the_benchmarks_15_are_told_apart_where_there_are_more(names, expected):
     shared = SharedSet((("cifar10_c", ""),), dict.fromkeys(names, (3,)))
     wrong = {"clean": 0} | {f"{name}/3": 2 if name in BENCHMARK_15 else 6 for name in names}
-    found = measured(predictions(wrong), shared).by_condition
+    found = classified(predictions(wrong), shared).by_condition
     assert ("benchmark 15" in found) is expected
     if expected:
         assert found["benchmark 15"].mean() == pytest.approx(10)

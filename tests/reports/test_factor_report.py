@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sextant.atomic_files import write_json
+from sextant.lifecycle.results import sweep_results
 from sextant.reports.factor_report import factor_section, numeric_factors
-from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
@@ -29,7 +29,7 @@ def swept(folder, factors_of, seeds=2):
                 np.savez_compressed(run.arrays, labels=LABELS, clean=np.where(right, LABELS, (LABELS + 1) % 10))
                 told = {"outcome": "finished", "metrics": {}, "timing": {"fit_s": 1.0}, "parameters": 7}
                 write_json(run.metrics, told)
-    return load_results(SweepPlan("made_up", {}, ["sweep=made_up"], cells).write(folder), folder)
+    return sweep_results(SweepPlan("made_up", {}, ["sweep=made_up"], cells).write(folder))
 
 
 def test_a_line_an_arm_over_the_values_in_their_order(tmp_path):

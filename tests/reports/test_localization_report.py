@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from sextant.atomic_files import write_json
 from sextant.evaluation.localization.success import share_of
+from sextant.lifecycle.results import sweep_results
 from sextant.reports.cell_tables import cells_table
 from sextant.reports.contrasts import contrasts
-from sextant.reports.measure import SUCCESS, measured
+from sextant.reports.measure import SUCCESS, localized
 from sextant.reports.particles_report import (
     POOLED,
     Curve,
@@ -21,7 +22,6 @@ from sextant.reports.particles_report import (
     ratio_table,
     seed_ratio,
 )
-from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
@@ -47,7 +47,7 @@ def sweep_of(folder, arms, **definition):
     for arm, runs in arms.items():
         for pair, run in enumerate(runs):
             successes, outcome = run if isinstance(run, tuple) else (run, "finished")
-            directory = RunDirectory(folder / "runs" / f"{arm}-{pair}")
+            directory = RunDirectory(folder / "runs" / "localization" / f"{arm}-{pair}")
             cells.append(Cell({}, arm, pair, pair, arm, directory.path.relative_to(folder).as_posix()))
             directory.path.mkdir(parents=True)
             np.savez_compressed(directory.arrays, **run_arrays(successes))
@@ -56,7 +56,7 @@ def sweep_of(folder, arms, **definition):
             write_json(
                 directory.metrics, {"outcome": outcome, "metrics": {}, "parameters": 5, "timing": timing} | facts
             )
-    return load_results(SweepPlan("made_up", definition, [], cells).write(folder), folder)
+    return sweep_results(SweepPlan("made_up", definition, [], cells).write(folder))
 
 
 def by_count(condition, *successes, counts=(25, 100, 400)):
@@ -77,7 +77,7 @@ def sweep(tmp_path):
 
 
 def test_the_measure_is_success_of_runs_in_per_cent():
-    found = measured(run_arrays({"run2/summer_noon": 15, "night_clear, kidnap": 0}))
+    found = localized(run_arrays({"run2/summer_noon": 15, "night_clear, kidnap": 0}))
     assert found.measure is SUCCESS
     assert list(found.by_condition) == ["run2/summer_noon", "night_clear, kidnap"]
     assert found.measure.of(found.by_condition["run2/summer_noon"]) == 75

@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 from sextant.atomic_files import write_json
+from sextant.lifecycle.results import sweep_results
 from sextant.reports.metric import Metric, metric_of
 from sextant.reports.metrics_report import TOGETHER, metric_summaries, metrics_section
-from sextant.reports.results import load_results
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
@@ -32,13 +32,13 @@ def sweep_of(folder, arms, **definition):
     for arm, runs in arms.items():
         for pair, run in enumerate(runs):
             metrics, outcome = run if isinstance(run, tuple) else (run, "finished")
-            directory = RunDirectory(folder / "runs" / f"{arm}-{pair}")
+            directory = RunDirectory(folder / "runs" / "localization" / f"{arm}-{pair}")
             cells.append(Cell({}, arm, pair, pair, arm, directory.path.relative_to(folder).as_posix()))
             directory.path.mkdir(parents=True)
             np.savez_compressed(directory.arrays, **{f"success/{name}": np.ones(4) for name in CONDITIONS})
             results = {"outcome": outcome, "metrics": metrics, "parameters": 5, "timing": {"fit_s": 1.0}}
             write_json(directory.metrics, results)
-    return load_results(SweepPlan("made_up", definition, [], cells).write(folder), folder)
+    return sweep_results(SweepPlan("made_up", definition, [], cells).write(folder))
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import pytest
 
 from sextant.atomic_files import write_json
 from sextant.errors import UserError
+from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
-from sextant.reports.measure import measured
-from sextant.reports.results import load_results
+from sextant.reports.measure import require_answers
 from sextant.reports.sweep_report import write_report
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan
@@ -55,7 +55,7 @@ def sweep(folder, arms=ARMS, conditions=False):
             np.savez_compressed(run.arrays, **known[bank[5:], pair])
             write_json(run.metrics, {"outcome": "finished", "metrics": {}, "timing": {"fit_s": 1.0}, "parameters": 7})
     definition = {"question": "Which?", "arms": arms, "contrasts": CONTRASTS}
-    return load_results(SweepPlan("made_up", definition, [], cells).write(folder), folder), known
+    return sweep_results(SweepPlan("made_up", definition, [], cells).write(folder)), known
 
 
 def share(found, method, rows=slice(None)):
@@ -121,4 +121,4 @@ def test_a_report_is_written(tmp_path):
 )
 def test_answers_that_there_are_not(found, says):
     with pytest.raises(UserError, match=re.escape(says)):
-        measured(found, reads="tuned")
+        require_answers(found, "tuned")

@@ -9,9 +9,9 @@ from scipy import stats
 
 from sextant.atomic_files import write_json
 from sextant.errors import UserError
+from sextant.lifecycle.results import sweep_results
 from sextant.reports.contrasts import contrasts
 from sextant.reports.measure import CALIBRATION_ERRORS
-from sextant.reports.results import load_results
 from sextant.reports.summary import summarise
 from sextant.reports.sweep_report import write_report
 from sextant.reports.tables import (
@@ -71,7 +71,7 @@ def sweep(tmp_path):
                 },
             )
     directory = SweepPlan("made_up", DEFINITION, ["sweep=made_up"], cells).write(tmp_path)
-    return load_results(directory, tmp_path), accuracy
+    return sweep_results(directory), accuracy
 
 
 def test_every_planned_run_is_counted(sweep):
@@ -160,7 +160,7 @@ def test_a_run_that_a_nan_stopped_is_a_dropped_pair(sweep):
 def test_a_sweep_without_a_finished_run_cannot_be_reported(tmp_path):
     plan = SweepPlan("none", {}, [], [Cell({}, "a", 0, 0, "d", "runs/classification/x")])
     with pytest.raises(UserError, match="none of its 1 runs is finished yet"):
-        load_results(plan.write(tmp_path), tmp_path)
+        sweep_results(plan.write(tmp_path))
 
 
 def test_tables_and_numbers():
@@ -227,7 +227,7 @@ def test_runs_of_calibration_are_compared_by_median_errors(tmp_path):
             np.savez_compressed(run.arrays, **{f"{key}/network": found for key in CALIBRATION_ERRORS})
             write_json(run.metrics, {"outcome": "finished", "metrics": {}, "timing": {"fit_s": 1.0}, "parameters": 7})
     directory = SweepPlan("made_up", {}, ["sweep=made_up"], cells).write(tmp_path)
-    results = load_results(directory, tmp_path)
+    results = sweep_results(directory)
     assert results.measure.better == "lower"
     row = next(row for row in contrasts(results) if row.condition == "tilt (deg)")
     expected = [errors["bearing", pair] - errors["l2", pair] for pair in range(SEEDS)]

@@ -9,9 +9,9 @@ import pytest
 from support import QUICK, quick_config
 
 from sextant import cli
-from sextant.cli.compose import compose, to_plain
 from sextant.cli.sweep import run_sweep
 from sextant.cli.terminal import TERMINAL
+from sextant.composing.compose import compose, to_plain
 from sextant.lifecycle.execute import execute, execute_cell
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import find_sweep, read_plan

@@ -204,8 +204,8 @@ def _load(text: str, key: str) -> NDArray[Any]:
 
 def _dataset(name: str) -> "tuple[Images, NDArray[Any]]":
     """The test split of a dataset of labelled images."""
-    from sextant.cli.compose import compose, to_plain
-    from sextant.cli.config_files import groups
+    from sextant.composing.compose import compose, to_plain
+    from sextant.composing.config_files import groups
     from sextant.config import validate
     from sextant.data.source import ImageSource
     from sextant.recipes.assemble import build_dataset

@@ -11,11 +11,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.compose import compose, to_plain
-from sextant.cli.config_files import groups, read_config_file
 from sextant.cli.console import console, key_value_table
 from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import groups, read_config_file
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset

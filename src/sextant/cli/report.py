@@ -1,7 +1,6 @@
 """``report.py``: tables, contrasts and figures of a sweep."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -9,8 +8,6 @@ from rich.table import Table
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
 from sextant.errors import UserError
-from sextant.runs.outputs_folder import default_outputs
-from sextant.runs.sweep_directory import find_sweep
 from sextant.tracking.environment import quiet_libraries
 
 if TYPE_CHECKING:
@@ -30,25 +27,22 @@ def main(arguments: Sequence[str]) -> None:
     given = parse_arguments(arguments, KEYS, USAGE)
     if "sweep" not in given:
         raise UserError("which sweep?", USAGE)
-    outputs = Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
-    directory = find_sweep(given["sweep"], outputs)
-
-    from sextant.reports.results import load_results
-    from sextant.reports.sweep_report import write_report
-
-    outputs = directory.parents[1]
-    results = load_results(directory, outputs)
-    paths = write_report(results)
-    _show(results)
-    console.print("\n".join(str(path) for path in paths))
-    if given.get("tracking", "on") not in ("on", "none"):
+    if given.get("tracking", "none") != "none":
         raise UserError(
             f"tracking={given['tracking']}: no such choice", "tracking=none keeps the report off the parent run"
         )
+
+    from sextant.lifecycle.results import sweep_results
+    from sextant.reports.sweep_report import write_report
+
+    results = sweep_results(given["sweep"], given.get("outputs"))
+    paths = write_report(results)
+    _show(results)
+    console.print("\n".join(str(path) for path in paths))
     if "tracking" not in given and results.plan.mlflow_runs:
         from sextant.tracking.sweep_parent import log_report
 
-        log_report(outputs, results.plan, directory / "report")
+        log_report(results.directory.parents[1], results.plan, results.directory / "report")
 
 
 def _show(results: "SweepResults") -> None:

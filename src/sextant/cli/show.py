@@ -10,6 +10,7 @@ from rich.table import Table
 from sextant.cli.console import console, key_value_table, rows_table
 from sextant.config import Config
 from sextant.config.building import part_name
+from sextant.lifecycle.execute import Outcome
 from sextant.lifecycle.published_figures import comparison, says
 from sextant.recipes import recipe_of
 from sextant.runs.directory import RunDirectory
@@ -47,12 +48,13 @@ def _training(raw: Mapping[str, Any], config: Config) -> dict[str, str]:
     }
 
 
-def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
-    """Final metrics of a run of ``task``, and the commands that come next."""
+def show_result(outcome: Outcome) -> None:
+    """Final metrics of a run, and the commands that come next."""
+    directory = RunDirectory(outcome.directory)
     results = directory.results()
     if results is None:
         return
-    if reused:
+    if outcome.reused:
         console.print(f"[green]Already finished with this code and data:[/] {_shorter(directory.path)}")
     if not results["metrics"]:
         console.print(f"[red]This run diverged:[/] {escape(str(results.get('message', '')))}")
@@ -75,7 +77,7 @@ def show_result(directory: RunDirectory, *, task: str, reused: bool) -> None:
     console.print(f"{results['parameters']:,} parameters, {trained}tested in {timing['test_s']:.1f} s")
     console.print(f"figures    {run}/figures")
     if timing["fit_s"]:
-        recipe = recipe_of(task)
+        recipe = recipe_of(directory.path.parent.name)  # runs/<task>/<run>
         console.print(
             f"evaluate   python evaluate.py run={run} {recipe.evaluation_example}\n"
             f"predict    python predict.py run={run} {recipe.prediction_example} output=<folder>\n"

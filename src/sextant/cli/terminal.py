@@ -1,10 +1,11 @@
-"""What a run says, on the terminal."""
+"""What runs and sweeps say, on the terminal."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sextant.cli.console import console
 from sextant.cli.show import show_start
@@ -13,6 +14,7 @@ from sextant.config import Config
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.reporter import Advance
 from sextant.runs.directory import RunDirectory
+from sextant.runs.sweep_directory import SweepPlan
 
 if TYPE_CHECKING:
     from pytorch_lightning.callbacks import Callback
@@ -45,6 +47,28 @@ class Terminal(RunReporter):
         from sextant.cli.progress import TrainingProgress
 
         return [TrainingProgress()]
+
+    def planned(self, plan: SweepPlan, finished: int) -> None:
+        """How many runs there are."""
+        cells, runs = len(plan.cells), len({cell.run for cell in plan.cells})
+        told = f"{cells} runs planned" if runs == cells else f"{cells} cells of {runs} runs planned"
+        console.print(f"[bold]{plan.name}[/]: {told}, {finished} finished already")
+
+    @contextmanager
+    def running(self) -> Iterator[Advance]:
+        """A bar over the missing runs, or a line for each that is done."""
+        columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+            task, before = bar.add_task("", total=None), 0
+
+            def advance(done: int, total: int) -> None:
+                nonlocal before
+                bar.update(task, completed=done, total=total)
+                if done > before and not console.is_terminal:
+                    console.print(f"{done}/{total} runs")
+                before = done
+
+            yield advance
 
 
 TERMINAL = Terminal()

@@ -1,1 +1,1 @@
-"""The life of a run: claim, train, test, evaluate."""
+"""The life of runs and sweeps: claim, train, test, evaluate, report. ``library`` has what ``sextant`` offers."""

@@ -1,12 +1,16 @@
 """What is refused before data is read or a run directory is made."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from sextant.composing.compose import compose, to_plain
 from sextant.config import Config, validate
 from sextant.config.building import require_callable
 from sextant.errors import UserError
 from sextant.recipes import Source, recipe_of
+from sextant.reporter import SILENT, Reporter
 
 
 def checked(raw: Mapping[str, Any]) -> Config:
@@ -21,6 +25,41 @@ def checked(raw: Mapping[str, Any]) -> Config:
     for key, path in config.custom_parts().items():
         require_callable(key, path)
     return config
+
+
+def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str, Any]:
+    """The plain config of a run that could be made here; nothing heavy is imported.
+
+    Raises:
+        UserError: an override is wrong, or as :func:`checked` and :func:`require_environment`.
+    """
+    if any(override.startswith("sweep=") and override != "sweep=null" for override in overrides):
+        name = next(override for override in overrides if override.startswith("sweep="))
+        raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: python train.py -m {' '.join(overrides)}")
+    raw = to_plain(compose(overrides))
+    require_environment(raw, checked(raw), reporter)
+    return raw
+
+
+def require_environment(raw: Mapping[str, Any], config: Config, reporter: Reporter = SILENT) -> None:
+    """Raise a ``UserError`` unless the data is there, the output folder can be written to, and the server answers."""
+    from sextant.tracking.store import require_server
+
+    outputs = Path(config.paths.outputs)
+    try:
+        outputs.mkdir(parents=True, exist_ok=True)
+        probe = outputs / f".writable-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(
+            f"paths.outputs={outputs} cannot be written to: {error.strerror}",
+            "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
+        ) from None
+    recipe = recipe_of(config.task.name, reporter)
+    recipe.check(recipe.source(raw, config))
+    if config.tracking.kind == "server" and config.tracking.uri is not None:
+        require_server(config.tracking.uri)
 
 
 def require_possible(config: Config, source: Source) -> None:

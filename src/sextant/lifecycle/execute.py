@@ -1,5 +1,6 @@
 """The life of one run: claim its directory, train, test, write the truth, mirror it."""
 
+import math
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -13,14 +14,12 @@ import yaml
 
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config, digest
-from sextant.config.schema.classification.corruptions import StoredSuite
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.lifecycle.checks import checked, require_possible
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.recipes import Source, recipe_of
 from sextant.runs.directory import Claim, RunDirectory, RunKey, claim
 from sextant.runs.locks import run_lock
-from sextant.runs.resolve import resolve_run
 from sextant.runs.source_tree import source_sha256
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 
 OpenMirror = Callable[[], "MirroredRun | None"]
 Work = Callable[[RunDirectory, OpenMirror], dict[str, Any]]
-OutcomeName = Literal["finished", "diverged", "failed"]
+Status = Literal["finished", "diverged", "failed"]
 
 
 @dataclass(frozen=True)
@@ -36,17 +35,23 @@ class Outcome:
     """How a run ended.
 
     Attributes:
-        outcome: ``diverged`` is a run that finished without having learnt, by the rule of ``evaluation.protocols``, or
+        status: ``diverged`` is a run that finished without having learnt, by the rule of ``evaluation.protocols``, or
             whose loss became nan; ``failed`` is a run that an error ended.
         directory: where it lies.
         reused: it had been finished before.
         message: why it failed.
     """
 
-    outcome: OutcomeName
+    status: Status
     directory: Path
     reused: bool = False
     message: str = ""
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Final metrics by name, nan where one is no number; empty if it failed, or a nan stopped it."""
+        found = (RunDirectory(self.directory).results() or {}).get("metrics", {})
+        return {name: math.nan if value is None else value for name, value in found.items()}
 
 
 def run_key(config: Config, source: Source, seed: int | None = None) -> RunKey:
@@ -59,31 +64,7 @@ def run_key(config: Config, source: Source, seed: int | None = None) -> RunKey:
 
 def run_digest(config: Config) -> str:
     """Digest of a typed config, in which 2 and 2.0 are one number."""
-    return digest(identity_of(config))
-
-
-def identity_of(config: Config) -> dict[str, Any]:
-    """A typed config as plain values, with what its files hold in place of where they lie."""
-    typed = config.model_dump(by_alias=True)
-    if config.init_from is not None:
-        typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").identity
-    shelf = getattr(config.task, "off_the_shelf", None)
-    if shelf is not None:
-        from sextant.recipes.off_the_shelf import weights_identity
-
-        typed["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
-    if config.descriptor is not None:
-        from sextant.recipes.descriptors import descriptor_identity
-
-        typed["descriptor"] = descriptor_identity(typed["descriptor"], Path(config.paths.outputs))
-    if config.features is not None and config.features.run is not None:
-        features = resolve_run(config.features.run, Path(config.paths.outputs), "features.run")
-        typed["features"]["run"] = features.identity
-    if isinstance(config.corruption, StoredSuite):
-        from sextant.corruptions.stored_suite import folder_identity
-
-        typed["corruption"]["folder"] = folder_identity(config.corruption.folder)
-    return typed
+    return digest(recipe_of(config.task.name).identity(config))
 
 
 def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter = SILENT_RUN) -> Outcome:
@@ -274,7 +255,7 @@ def execute_cell(raw: Mapping[str, Any], reporter: RunReporter = SILENT_RUN) -> 
     except KeyboardInterrupt:
         raise
     except Exception as error:
-        name: OutcomeName = "diverged" if isinstance(error, LossNotFiniteError) else "failed"
+        name: Status = "diverged" if isinstance(error, LossNotFiniteError) else "failed"
         outcome = Outcome(name, Path(), message=f"{type(error).__name__}: {error}")
     return asdict(outcome) | {"directory": str(outcome.directory)}
 

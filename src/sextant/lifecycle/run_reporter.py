@@ -1,18 +1,20 @@
-"""What a run says from its start to its end."""
+"""What runs and sweeps say from their start to their end."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
-from sextant.reporter import Reporter
+from sextant.reporter import Advance, Reporter
 from sextant.runs.directory import RunDirectory
+from sextant.runs.sweep_directory import SweepPlan
 
 if TYPE_CHECKING:
     from pytorch_lightning.callbacks import Callback
 
 
 class RunReporter(Reporter):
-    """Listens to runs. This one shows nothing."""
+    """Listens to runs and sweeps. This one shows nothing."""
 
     def begin(
         self,
@@ -34,6 +36,18 @@ class RunReporter(Reporter):
     def training(self) -> "Sequence[Callback]":
         """Callbacks that show how far training is."""
         return ()
+
+    def planned(self, plan: SweepPlan, finished: int) -> None:
+        """A sweep is planned.
+
+        Args:
+            plan: its cells.
+            finished: how many of their runs are finished already.
+        """
+
+    def running(self) -> AbstractContextManager[Advance]:
+        """A context whose value is called with how many of a sweep's missing runs are done, every second."""
+        return nullcontext(lambda done, total: None)
 
 
 SILENT_RUN = RunReporter()

@@ -12,8 +12,12 @@ from sextant.recipes.assemble import build_dataset, build_suite, build_training,
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
 if TYPE_CHECKING:
+    from numpy import ndarray
+
     from sextant.data.calibration.datamodule import CalibrationData
     from sextant.data.calibration.panoramas import PanoramaSource
+    from sextant.reports.measure import RunValues
+    from sextant.reports.shared_set import SharedSet
     from sextant.tasks.calibration.module import Calibration
 
 #: cameras drawn to find the ranges and the middle of a distribution
@@ -149,3 +153,11 @@ class CalibrationRecipe(Recipe):
             metrics(module, report),
             table(report, module.result.panoramas),
         )
+
+    def measured(
+        self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
+    ) -> "RunValues":
+        """Median errors."""
+        from sextant.reports.measure import calibrated
+
+        return calibrated(arrays)

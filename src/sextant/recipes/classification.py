@@ -13,7 +13,11 @@ from sextant.recipes.recipe import Recipe, Source, TestRecord
 from sextant.trained.image_spec import image_spec
 
 if TYPE_CHECKING:
+    from numpy import ndarray
+
     from sextant.data.datamodule import ImageData
+    from sextant.reports.measure import RunValues
+    from sextant.reports.shared_set import SharedSet
     from sextant.tasks.classification.module import Classification
 
 
@@ -112,3 +116,11 @@ class ClassificationRecipe(Recipe):
             module.result, module.suite, module.network, module.spec.classes, data.split("test").images
         )
         return TestRecord(module.arrays(), pictures, facts=module.facts())
+
+    def measured(
+        self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
+    ) -> "RunValues":
+        """Accuracy, or errors under a published set."""
+        from sextant.reports.measure import classified
+
+        return classified(arrays, shared)

@@ -11,7 +11,7 @@ from sextant.config.schema import CosfireTask
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset, build_training
-from sextant.recipes.cosfire_checks import check_parts
+from sextant.recipes.cosfire_checks import answering_with_parts, check_parts
 from sextant.recipes.cosfire_parts import describing, features_of_run, make_filters, scenes_of
 from sextant.recipes.descriptors import descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
@@ -19,7 +19,11 @@ from sextant.runs.resolve import resolve_run
 from sextant.trained.image_spec import image_spec
 
 if TYPE_CHECKING:
+    from numpy import ndarray
+
     from sextant.data.examples import ExampleData
+    from sextant.reports.measure import RunValues
+    from sextant.reports.shared_set import SharedSet
     from sextant.tasks.cosfire.module import CosfireRecognition
 
 
@@ -35,6 +39,19 @@ class CosfireRecipe(Recipe):
         """Raise a ``UserError`` where bank, strategy and network do not go together, or images are to be corrupted."""
         check_parts(config, _task(config))
         super().check_parts(config)
+
+    def identity(self, config: Config) -> dict[str, Any]:
+        """With the identities of the descriptor, and of the run whose features are looked at."""
+        found, outputs = super().identity(config), Path(config.paths.outputs)
+        if config.descriptor is not None:
+            found["descriptor"] = descriptor_identity(found["descriptor"], outputs)
+        if config.features is not None and config.features.run is not None:
+            found["features"]["run"] = resolve_run(config.features.run, outputs, "features.run").identity
+        return found
+
+    def answers(self, config: Config) -> list[str]:
+        """Those of its methods for which the run has a network or a descriptor."""
+        return answering_with_parts(config, _task(config))
 
     def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
@@ -177,6 +194,14 @@ class CosfireRecipe(Recipe):
         return TestRecord(
             module.arrays(), recognition_figures(module, data), table=method_table(module.result), facts=module.facts()
         )
+
+    def measured(
+        self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
+    ) -> "RunValues":
+        """Accuracy by method, or by condition of the one that is read."""
+        from sextant.reports.measure import recognised
+
+        return recognised(arrays, reads)
 
 
 def _task(config: Config) -> CosfireTask:

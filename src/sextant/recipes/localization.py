@@ -17,8 +17,12 @@ from sextant.recipes.descriptors import describer, descriptor_identity
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
 if TYPE_CHECKING:
+    from numpy import ndarray
+
     from sextant.data.localization.datamodule import LocalizationDataModule
     from sextant.data.localization.source import LocalizationSource
+    from sextant.reports.measure import RunValues
+    from sextant.reports.shared_set import SharedSet
     from sextant.tasks.localization.test import TestSettings
 
 #: of poses drawn about an image of the map, where the config gives none: in rad
@@ -33,6 +37,11 @@ class LocalizationRecipe(Recipe):
     prediction_example = "input=<folder of photos> odometry=<table>"
     uncorrupted = "drives as they are, under fault and faults"
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
+
+    def identity(self, config: Config) -> dict[str, Any]:
+        """With the identity of the descriptor."""
+        found, outputs = super().identity(config), Path(config.paths.outputs)
+        return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "LocalizationSource":
         """The dataset as a source of drives."""
@@ -179,6 +188,14 @@ class LocalizationRecipe(Recipe):
             },
             files=files,
         )
+
+    def measured(
+        self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
+    ) -> "RunValues":
+        """Success."""
+        from sextant.reports.measure import localized
+
+        return localized(arrays)
 
 
 def test_settings(raw: Mapping[str, Any], config: Config, data: "LocalizationDataModule") -> "TestSettings":

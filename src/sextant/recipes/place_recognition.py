@@ -16,9 +16,13 @@ from sextant.recipes.recipe import Recipe, Source, TestRecord
 from sextant.reporter import Reporter
 
 if TYPE_CHECKING:
+    from numpy import ndarray
+
     from sextant.baselines.network_layer import NetworkLayer
     from sextant.data.places import PlaceSource
     from sextant.data.places.datamodule import PlaceData
+    from sextant.reports.measure import RunValues
+    from sextant.reports.shared_set import SharedSet
     from sextant.tasks.places.module import PlaceRecognition
 
 
@@ -36,6 +40,13 @@ class PlaceRecognitionRecipe(Recipe):
     prediction_example = "map=<folder> queries=<folder>"
     uncorrupted = "under the conditions of its dataset"
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
+
+    def identity(self, config: Config) -> dict[str, Any]:
+        """With the identity of the weights beside which the network is tested."""
+        found, shelf = super().identity(config), _task(config).off_the_shelf
+        if shelf is not None:
+            found["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
+        return found
 
     def source(self, raw: Mapping[str, Any], config: Config) -> "PlaceSource":
         """The dataset as a source of places."""
@@ -198,6 +209,14 @@ class PlaceRecognitionRecipe(Recipe):
                 "baselines_left_out": {each.protocol.query: each.left_out | shelf_left_out for each in found},
             },
         )
+
+    def measured(
+        self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None
+    ) -> "RunValues":
+        """Recall."""
+        from sextant.reports.measure import places_found
+
+        return places_found(arrays)
 
 
 def _training_split(data: "PlaceData") -> Any:

@@ -9,13 +9,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from sextant.config import Config
-from sextant.config.schema.classification.corruptions import CorruptionSuite
+from sextant.config.schema.classification.corruptions import CorruptionSuite, StoredSuite
 from sextant.errors import UserError
 from sextant.reporter import SILENT, Reporter
+from sextant.runs.resolve import resolve_run
 
 if TYPE_CHECKING:
     import pytorch_lightning as pl
     from matplotlib.figure import Figure
+
+    from sextant.reports.measure import RunValues
+    from sextant.reports.shared_set import SharedSet
 
 
 class Source(Protocol):
@@ -78,6 +82,25 @@ class Recipe(ABC):
         if self.uncorrupted and (not isinstance(suite, CorruptionSuite) or suite.corruptions):
             raise UserError(f"corruption: task={config.task.name} tests {self.uncorrupted}", "corruption=none")
 
+    def identity(self, config: Config) -> dict[str, Any]:
+        """What identifies a run: its config as plain values, with what files hold in place of where they lie. Light.
+
+        Raises:
+            UserError: there is no such file.
+        """
+        typed = config.model_dump(by_alias=True)
+        if config.init_from is not None:
+            typed["init_from"] = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").identity
+        if isinstance(config.corruption, StoredSuite):
+            from sextant.corruptions.stored_suite import folder_identity
+
+            typed["corruption"]["folder"] = folder_identity(config.corruption.folder)
+        return typed
+
+    def answers(self, config: Config) -> list[str]:
+        """Methods whose answers a run keeps apart, if there are several; an arm of a sweep reads one. Light."""
+        return []
+
     @abstractmethod
     def source(self, raw: Mapping[str, Any], config: Config) -> Source:
         """The dataset. Light.
@@ -117,3 +140,18 @@ class Recipe(ABC):
     @abstractmethod
     def record(self, module: Any, data: Any, config: Config) -> TestRecord:
         """What the test that the module just ran leaves."""
+
+    @abstractmethod
+    def measured(
+        self, arrays: Mapping[str, np.ndarray], shared: "SharedSet | None" = None, reads: str | None = None
+    ) -> "RunValues":
+        """What a report counts of a run: its measure, and the value of each test image under each condition.
+
+        Args:
+            arrays: of the run's ``predictions.npz``: what :meth:`record` left.
+            shared: the conditions of a published set that all runs of a sweep share, if they were tested under one.
+            reads: the method whose answers count, one of :meth:`answers`.
+
+        Raises:
+            KeyError: they are not the arrays of a run of this task.
+        """

@@ -167,44 +167,31 @@ class RunValues:
     errors: CorruptionErrors | None = None
 
 
-def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None, reads: str | None = None) -> RunValues:
-    """The measure that belongs to the arrays of a run, and its values by image under each condition.
+def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:
+    """Raise a ``UserError`` unless a run has the answers of the method that is read."""
+    methods = [key.removeprefix(ANSWERS) for key in arrays if key.startswith(ANSWERS)]
+    if reads not in methods:
+        raise UserError(
+            f"an arm of the sweep reads the answers of {reads}; its runs have those of "
+            f"{', '.join(methods) or 'one method alone'}",
+            "Correct the arm's reads, and run the sweep again.",
+        )
 
-    Under a published set of corruptions the conditions of the report are few: ``clean``, ``corrupted`` (the mean over
-    severities, then over all shared corruptions) and, if more than those are shared, ``benchmark 15``. The value of an
-    image is 100 times the mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
 
-    Of recognition by filters the conditions are the methods, or with ``reads`` those of the test that this method was
-    put to.
+def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -> RunValues:
+    """Accuracy under each condition of the test, or errors under a published set of corruptions.
 
-    Of a localizer each *image* is one of its runs along the test drives, and the conditions are its trials.
+    Under a set the conditions of the report are few: ``clean``, ``corrupted`` (the mean over severities, then over all
+    shared corruptions) and, if more than those are shared, ``benchmark 15``. The value of an image is 100 times the
+    mean of 0 (right) and 1 (wrong), so that its mean over images is the error in per cent.
 
     Args:
         arrays: of the run's ``predictions.npz``.
         shared: the conditions of a published set that all runs share, if they were tested under one.
-        reads: the method whose answers count.
 
     Raises:
-        KeyError: they are not the arrays of a run.
-        UserError: they do not have the answers of the method that is read.
+        KeyError: they are not the arrays of such a run.
     """
-    if reads is not None and ANSWERS + reads not in arrays:
-        methods = [key.removeprefix(ANSWERS) for key in arrays if key.startswith(ANSWERS)]
-        raise UserError(
-            f"an arm of the sweep reads the answers of {reads}; its runs have those of "
-            f"{', '.join(methods) or 'one method alone'}",
-            "Mend reads of the arm, and run the sweep again.",
-        )
-    if any(key.startswith(ANSWERS) for key in arrays):
-        return RunValues(RECOGNITION, _recognised(arrays, reads))
-    if trials := [key for key in arrays if key.startswith(LOCALIZED)]:
-        return RunValues(SUCCESS, {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in trials})
-    found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
-    if any(name.startswith(FOUND_FIRST) for name in found.values()):
-        single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}
-        return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()})
-    if "labels" not in arrays:
-        return RunValues(CALIBRATION, {title: arrays[f"{key}/network"] for key, title in CALIBRATION_ERRORS.items()})
     if shared is None:
         right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key != "labels"}
         return RunValues(ACCURACY, right)
@@ -216,14 +203,32 @@ def measured(arrays: Mapping[str, ndarray], shared: SharedSet | None = None, rea
     return RunValues(CORRUPTION_ERROR, values, errors)
 
 
-def _recognised(arrays: Mapping[str, ndarray], reads: str | None) -> dict[str, Images]:
-    """By method, or of the method that is read by condition of the test."""
+def calibrated(arrays: Mapping[str, ndarray]) -> RunValues:
+    """Errors of the network, each quantity a condition."""
+    return RunValues(CALIBRATION, {title: arrays[f"{key}/network"] for key, title in CALIBRATION_ERRORS.items()})
+
+
+def places_found(arrays: Mapping[str, ndarray]) -> RunValues:
+    """Recall of the network under each condition of the queries, sequences apart."""
+    found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
+    single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}
+    return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()})
+
+
+def localized(arrays: Mapping[str, ndarray]) -> RunValues:
+    """Success: each *image* is one of the runs along the test drives, and the conditions are the trials."""
+    trials = [key for key in arrays if key.startswith(LOCALIZED)]
+    return RunValues(SUCCESS, {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in trials})
+
+
+def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
+    """Accuracy of each method, or of the method that is ``read`` under each condition of the test."""
     answers = {key.removeprefix(ANSWERS): arrays[key] for key in arrays if key.startswith(ANSWERS)}
     right = {method: 100.0 * (found == arrays["labels"]) for method, found in answers.items()}
     if reads is None:
-        return right
+        return RunValues(RECOGNITION, right)
     under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
-    return {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]}
+    return RunValues(RECOGNITION, {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]})
 
 
 def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -11,13 +11,22 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 from sextant.evaluation import CorruptionErrors
-from sextant.reports.measure import ACCURACY, Measure, measured
+from sextant.reports.measure import ACCURACY, Measure, RunValues, require_answers
 from sextant.reports.shared_set import SharedSet, shared_set
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
 Outcome = Literal["finished", "diverged", "failed", "missing"]
 Content = TypeVar("Content")
+
+
+class Measured(Protocol):
+    """What the arrays of a run of some task say; see ``sextant.recipes.Recipe.measured``."""
+
+    def __call__(
+        self, arrays: Mapping[str, ndarray], shared: SharedSet | None = None, reads: str | None = None
+    ) -> RunValues:
+        """The values of one run."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +109,13 @@ class SweepResults:
         return sum(result.outcome == outcome for result in self.cells)
 
 
-def load_results(directory: Path, outputs: Path) -> SweepResults:
+def read_results(directory: Path, outputs: Path, measured: Callable[[str], Measured]) -> SweepResults:
     """Read every run of a sweep.
+
+    Args:
+        directory: of the sweep.
+        outputs: folder that the runs of its plan are relative to.
+        measured: what makes values of the arrays of a run, by the task of the run.
 
     Raises:
         UserError: the sweep's plan or a run's arrays are damaged, or no run is finished yet.
@@ -113,20 +127,35 @@ def load_results(directory: Path, outputs: Path) -> SweepResults:
     shared = shared_set([(run.results() or {}).get("protocol") for run in tested], names)
     arms = plan.definition.get("arms", {})
     reads = {name: arm.get("reads") for name, arm in arms.items()}
-    cells = [_load(cell, run, shared, reads.get(cell.arm)) for cell, run in zip(plan.cells, runs, strict=True)]
+    cells = [
+        _load(cell, run, shared, reads.get(cell.arm), measured) for cell, run in zip(plan.cells, runs, strict=True)
+    ]
     if not any(result.values for result in cells):
         raise UserError(f"sweep {plan.name}: none of its {len(cells)} runs is finished yet", "Run the sweep first.")
     return SweepResults(plan, directory, cells, shared)
 
 
-def _load(cell: Cell, run: RunDirectory, shared: SharedSet | None, reads: str | None) -> CellResult:
+def _load(
+    cell: Cell,
+    run: RunDirectory,
+    shared: SharedSet | None,
+    reads: str | None,
+    measured: Callable[[str], Measured],
+) -> CellResult:
     results = run.results()
     if results is None:
         failure = cell.message or run.state().get("failure")
         return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
     if not run.arrays.exists():  # stopped by a nan, and kept as what it is
         return CellResult(cell, results["outcome"], {})
-    found = _from_arrays(run, lambda arrays: measured(arrays, shared, reads))
+    values_of = measured(run.path.parent.name)  # runs/<task>/<run>
+
+    def values(arrays: Mapping[str, ndarray]) -> RunValues:
+        if reads is not None:
+            require_answers(arrays, reads)
+        return values_of(arrays, shared, reads)
+
+    found = _from_arrays(run, values)
     seconds = results["timing"]["fit_s"]  # JSON has no nan
     return CellResult(
         cell,

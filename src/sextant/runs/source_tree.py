@@ -20,6 +20,8 @@ NOT_COMPUTING = (
     "cli/runs",
     "cli/show",
     "cli/progress",
+    "lifecycle/results",
+    "lifecycle/run_reporter",
 )
 
 

@@ -16,7 +16,7 @@ import sextant
 from sextant import Localizer
 from sextant.applications.localization.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
 from sextant.baselines import Pixels
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from data.places.place_pictures import picture, write_pictures
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.localization import DriveSettings, LocalizationSource, PoseFolder, as_localization_source
 from sextant.data.localization.motions import motions_along

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.digits import Digits
 from sextant.data.localization import DriveSettings, LocalizationSource, as_localization_source

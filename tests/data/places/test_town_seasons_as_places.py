@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.digits import Digits
 from sextant.data.places import ConditionSplit, ConditionSplitSource, PlaceTolerance, as_place_source

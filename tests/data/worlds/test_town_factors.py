@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.places import as_place_source
 from sextant.data.worlds import TownFactors, TownSeasons

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.rendered import open_store
 from sextant.data.worlds import TownCity, TownPanoramas, TownSeasons

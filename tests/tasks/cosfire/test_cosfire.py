@@ -293,7 +293,7 @@ def grey(path):
 
 
 def places_run(street, outputs, *overrides):
-    from sextant.cli.compose import compose, to_plain
+    from sextant.composing.compose import compose, to_plain
 
     given = {override.partition("=")[0] for override in overrides}
     usual = [each for each in PLACES if each.partition("=")[0] not in given]
@@ -408,7 +408,7 @@ def test_a_run_of_a_task_without_a_feature_map(usual, outputs):
 )
 def test_mistakes_with_places_are_told(street, tmp_path, overrides, says):
     if "dataset=digits" in overrides:
-        from sextant.cli.compose import compose, to_plain
+        from sextant.composing.compose import compose, to_plain
 
         kept = [each for each in PLACES if not each.startswith("dataset")]
         with pytest.raises(UserError, match=re.escape(says)):

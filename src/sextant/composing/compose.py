@@ -11,8 +11,8 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from sextant.cli.config_files import unreadable_config_file
-from sextant.cli.override_mistakes import COMPOSING, explain
+from sextant.composing.config_files import search_path, unreadable_config_file
+from sextant.composing.override_mistakes import COMPOSING, explain
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir, default_outputs
 
@@ -33,7 +33,7 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
     inside_hydra = GlobalHydra.instance().is_initialized()
     with nullcontext() if inside_hydra else initialize_config_dir(str(conf_dir()), version_base="1.3"):
         try:
-            return hydra_compose(name, overrides=list(overrides))
+            return hydra_compose(name, overrides=[*overrides, *search_path()])
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise unreadable_config_file() or UserError(f"a config file cannot be read: {error}") from None
         except COMPOSING as error:

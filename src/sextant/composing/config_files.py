@@ -1,6 +1,8 @@
 """The YAML files that configs are composed of: which there are, and which of them cannot be read."""
 
-from functools import cache
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +11,45 @@ import yaml
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir
 
+_OWN: ContextVar[tuple[Path, ...]] = ContextVar("folders of a user's own config files", default=())
 
-@cache
+
+@contextmanager
+def own_configs(folder: str | Path | None) -> Iterator[None]:
+    """Find the options of a folder laid out as ``conf/`` too, as long as the context is open; those shipped come first.
+
+    Raises:
+        UserError: there is no such folder.
+    """
+    if folder is None:
+        yield
+        return
+    path = Path(folder).expanduser().absolute()
+    if not path.is_dir():
+        raise UserError(f"config_dir={folder}: there is no such folder", "Its files are <group>/<option>.yaml.")
+    before = _OWN.set((*_OWN.get(), path))
+    try:
+        yield
+    finally:
+        _OWN.reset(before)
+
+
+def folders() -> tuple[Path, ...]:
+    """Where config files are looked for."""
+    return (conf_dir(), *_OWN.get())
+
+
+def search_path() -> list[str]:
+    """The override that makes Hydra find a user's own options, if there are any."""
+    own = ",".join("'file://{}'".format(str(path).replace("'", r"\'")) for path in _OWN.get())
+    return [f"hydra.searchpath=[{own}]"] if own else []
+
+
 def groups() -> dict[str, tuple[str, ...]]:
     """Options of every config group, such as ``{"dataset": ("cifar10", "digits", ...)}``."""
-    found: dict[str, list[str]] = {}
-    for path in sorted(conf_dir().glob("*/*.yaml")):
-        found.setdefault(path.parent.name, []).append(path.stem)
+    found: dict[str, dict[str, None]] = {}
+    for path in (path for folder in folders() for path in sorted(folder.glob("*/*.yaml"))):
+        found.setdefault(path.parent.name, {})[path.stem] = None
     return {name: tuple(options) for name, options in found.items()}
 
 
@@ -45,7 +79,7 @@ def read_config_file(path: Path) -> dict[str, Any]:
 
 def unreadable_config_file() -> UserError | None:
     """What is wrong with the first file that cannot be read, for an error of Hydra's that names none."""
-    for path in sorted(conf_dir().rglob("*.yaml")):
+    for path in (path for folder in folders() for path in sorted(folder.rglob("*.yaml"))):
         try:
             read_config_file(path)
         except UserError as error:

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydra import compose as hydra_compose
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
-from hydra.errors import HydraException, OverrideParseException
+from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from sextant.cli.config_files import groups, unreadable_config_file
+from sextant.composing.config_files import groups, search_path, unreadable_config_file
+from sextant.composing.overrides import Override, parse
 from sextant.config import nearest, validate
 from sextant.errors import UserError
 
@@ -26,36 +25,33 @@ ELSEWHERE = {
 def explain(error: Exception, overrides: Sequence[str], name: str) -> UserError:
     """The mistake in ``overrides`` behind an error that composing the config ``name`` raised."""
     values: list[Override] = []
-    for text in overrides:
-        try:
-            (override,) = OverridesParser.create().parse_overrides([text])
-        except OverrideParseException:
+    try:
+        parsed = parse(overrides)
+    except UserError as wrong:
+        return wrong
+    for override in parsed:
+        if override.sweeps:
             return UserError(
-                f"{text!r} is not a key=value override",
-                "Write key=value without spaces; quote values with special characters: 'key=\"a, b\"'",
+                f"{override.text} lists several values", f"A sweep needs -m: python train.py -m {' '.join(overrides)}"
             )
-        if override.is_sweep_override():
-            return UserError(
-                f"{text} lists several values", f"A sweep needs -m: python train.py -m {' '.join(overrides)}"
-            )
-        key = override.key_or_group
+        key = override.key
         if key.split("/")[0] == "hydra" or key.startswith("hydra."):
             continue
         if key not in groups():
             values.append(override)
-        elif (wrong := _wrong_option(override, text)) is not None:
-            return wrong
+        elif (mistake := _wrong_option(override)) is not None:
+            return mistake
     return _wrong_value(values, overrides, name) or unreadable_config_file() or UserError(_first_line(error))
 
 
-def _wrong_option(override: Override, text: str) -> UserError | None:
+def _wrong_option(override: Override) -> UserError | None:
     """An error if a group has no such option."""
-    key, options = override.key_or_group, groups()[override.key_or_group]
-    if override.is_delete():
+    key, options = override.key, groups()[override.key]
+    if override.deletes:
         return None
-    if override.value() is None:
-        return UserError(f"{text}: a group cannot be null", f"Leave it out: '~{key}'")
-    value = override.get_value_element_as_str()
+    if override.value is None:
+        return UserError(f"{override.text}: a group cannot be null", f"Leave it out: '~{key}'")
+    value = override.option
     if value in (*options, "null"):
         return None
     near = nearest(value, options)
@@ -71,20 +67,20 @@ def _wrong_value(values: Sequence[Override], overrides: Sequence[str], name: str
     except COMPOSING:
         return None
     for override in values:
-        if override.key_or_group not in _flat(chosen):
+        if override.key not in _flat(chosen):
             return _unknown_key(override, chosen, choices, name)
-        text = str(override.input_line)
+        text = override.text
         try:
             _composed([*choices, text], name)
         except COMPOSING as error:
-            if (kind := _other_kind(override.key_or_group, override.value(), chosen)) is not None:
-                return UserError(f"{text}: {kind}", _how_to_set(override.key_or_group, chosen))
+            if (kind := _other_kind(override.key, override.value, chosen)) is not None:
+                return UserError(f"{text}: {kind}", _how_to_set(override.key, chosen))
             return UserError(f"{text}: {_first_line(error)}")
     return None
 
 
 def _unknown_key(override: Override, chosen: dict[str, Any], choices: Sequence[str], name: str) -> UserError:
-    key, value = override.key_or_group, _text(override)
+    key, value = override.key, override.option
     if key in ELSEWHERE:
         return UserError(f"{key}={value}: unknown key", ELSEWHERE[key].format(value))
     known = _flat(chosen)
@@ -98,11 +94,11 @@ def _unknown_key(override: Override, chosen: dict[str, Any], choices: Sequence[s
 
 def _suggestion(near: str, override: Override, chosen: dict[str, Any], choices: Sequence[str], name: str) -> str:
     """The key that may be meant, with the value if it is legal there."""
-    value = _text(override)
+    value = override.option
     if near in groups():
         fits = value in groups()[near]
         return f"Did you mean {near}={value}?" if fits else f"Did you mean {near}? Options: {', '.join(groups()[near])}"
-    if (kind := _other_kind(near, override.value(), chosen)) is not None:
+    if (kind := _other_kind(near, override.value, chosen)) is not None:
         return f"Did you mean {near}? It {kind}. {_how_to_set(near, chosen)}"
     try:
         validate(_composed([*choices, f"{near}={value}"], name))
@@ -134,7 +130,7 @@ def _how_to_set(key: str, chosen: dict[str, Any]) -> str:
 
 
 def _composed(overrides: Sequence[str], name: str) -> dict[str, Any]:
-    composed = OmegaConf.to_container(hydra_compose(name, overrides=list(overrides)), resolve=False)
+    composed = OmegaConf.to_container(hydra_compose(name, overrides=[*overrides, *search_path()]), resolve=False)
     assert isinstance(composed, dict)
     return {str(key): value for key, value in composed.items()}
 
@@ -147,10 +143,6 @@ def _flat(node: Any, prefix: str = "") -> dict[str, Any]:
     for name, value in node.items():
         found |= {f"{prefix}{name}": value} | _flat(value, f"{prefix}{name}.")
     return found
-
-
-def _text(override: Override) -> str:
-    return override.get_value_element_as_str() if override.value() is not None else ""
 
 
 def _first_line(error: Exception) -> str:

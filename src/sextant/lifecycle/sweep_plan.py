@@ -1,4 +1,4 @@
-"""Planning a sweep: from the command line and the ``sweep`` config to the runs it consists of."""
+"""Planning a sweep: from overrides and the ``sweep`` config to the runs it consists of."""
 
 import itertools
 import time
@@ -7,20 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
-from hydra.errors import HydraException
-
-from sextant.cli.compose import compose, to_plain
-from sextant.cli.environment import check_environment
-from sextant.cli.terminal import TERMINAL
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.overrides import parse
 from sextant.config import Config, validate
-from sextant.config.schema import CosfireTask
 from sextant.errors import UserError
-from sextant.lifecycle.checks import checked
+from sextant.lifecycle.checks import checked, require_environment
 from sextant.lifecycle.execute import run_key
 from sextant.recipes import recipe_of
-from sextant.recipes.cosfire_checks import answering_with_parts
+from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import claim
 from sextant.runs.sweep_directory import Cell, SweepPlan
 
@@ -53,8 +47,8 @@ class Design:
     seeds: list[int]
 
 
-def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Config]:
-    """Expand a command line into cells, each composed, validated and looked up on disk.
+def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[SweepPlan, list[Planned], Config]:
+    """Expand overrides into cells, each composed, validated and looked up on disk.
 
     Returns:
         The plan, its cells with their overrides, and the config of the first cell.
@@ -70,9 +64,9 @@ def make_plan(arguments: Sequence[str]) -> tuple[SweepPlan, list[Planned], Confi
         for arm in design.arms:
             overrides, raw, config = cell_config(design, setting, arm)
             if first is None:
-                check_environment(raw, config)
+                require_environment(raw, config, reporter)
                 first = config
-            planned += _over_seeds(design, setting, arm, overrides, raw, config)
+            planned += _over_seeds(design, setting, arm, overrides, raw, config, reporter)
     assert first is not None
     tracking = {"kind": first.tracking.kind, "uri": first.tracking.uri}
     cells = [entry.cell for entry in planned]
@@ -94,9 +88,16 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
 
 
 def _over_seeds(
-    design: Design, setting: dict[str, str], arm: str, overrides: list[str], raw: Mapping[str, Any], config: Config
+    design: Design,
+    setting: dict[str, str],
+    arm: str,
+    overrides: list[str],
+    raw: Mapping[str, Any],
+    config: Config,
+    reporter: Reporter,
 ) -> list[Planned]:
-    source, outputs, planned = recipe_of(config.task.name, TERMINAL).source(raw, config), Path(config.paths.outputs), []
+    source, outputs = recipe_of(config.task.name, reporter).source(raw, config), Path(config.paths.outputs)
+    planned = []
     follows_seed = any("${seed}" in override for override in overrides)
     for pair, number in enumerate(design.seeds):
         seed = number + design.arms[arm][1]
@@ -111,15 +112,15 @@ def _over_seeds(
 
 
 def read_design(arguments: Sequence[str]) -> Design:
-    """What a command line asks for.
+    """What overrides ask for.
 
-    Values of the command line replace a stored sweep's factors and seeds. Without arms in the config, the last key that
+    Their values replace a stored sweep's factors and seeds. Without arms in the config, the last key that
     lists several values is what is compared, its first value the control.
     """
-    parsed = OverridesParser.create().parse_overrides(list(arguments))
-    given = {o.key_or_group: _choices(o) for o in parsed}
-    swept = {o.key_or_group: given[o.key_or_group] for o in parsed if o.is_sweep_override()}
-    fixed = [o.input_line for o in parsed if not o.is_sweep_override() and o.input_line is not None]
+    parsed = parse(arguments)
+    given = {o.key: o.choices() for o in parsed}
+    swept = {o.key: given[o.key] for o in parsed if o.sweeps}
+    fixed = [o.text for o in parsed if not o.sweeps]
     base = to_plain(compose([*fixed, *(f"{key}={choices[0]}" for key, choices in swept.items())]))
     definition: dict[str, Any] = base.get("sweep") or {"name": "sweep"}
     sweep = validate({**base, "sweep": definition}).sweep
@@ -141,7 +142,7 @@ def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None
     reads = definition.get("arms", {}).get(arm, {}).get("reads")
     if reads is None:
         return
-    known = answering_with_parts(config, config.task) if isinstance(config.task, CosfireTask) else []
+    known = recipe_of(config.task.name).answers(config)
     if reads not in known:
         told = f"its runs have those of {', '.join(known)}" if known else f"task={config.task.name} has one method"
         raise UserError(
@@ -172,33 +173,13 @@ def _refuse_arm_keys(given: Mapping[str, object], arms: Arms) -> None:
                 )
 
 
-def _choices(override: Override) -> list[str]:
-    """The values of an override, as text; one unless it sweeps."""
-    if not override.is_sweep_override():
-        return [override.get_value_element_as_str()] if override.value() is not None else ["null"]
-    try:
-        return [str(value) for value in override.sweep_string_iterator()]
-    except (HydraException, ValueError):
-        raise UserError(
-            f"{override.input_line}: a sweep lists its values", f"For example {override.key_or_group}=a,b,c"
-        ) from None
-
-
 def check_sweep_overrides(overrides: Sequence[str]) -> None:
     """Find a mistake in any single choice of a sweep before the sweep is planned: each is composed once.
 
     Raises:
-        UserError: as :func:`sextant.cli.compose.compose`.
+        UserError: as :func:`~sextant.composing.compose.compose`.
     """
-    try:
-        parsed = OverridesParser.create().parse_overrides(list(overrides))
-    except Exception:
-        compose(overrides)  # names the override that cannot be parsed
-        raise UserError(f"cannot parse {' '.join(overrides)}") from None
-    choices = [
-        [f"{o.key_or_group}={choice}" for choice in _choices(o)] if o.is_sweep_override() else [o.input_line or ""]
-        for o in parsed
-    ]
+    choices = [[f"{o.key}={choice}" for choice in o.choices()] if o.sweeps else [o.text] for o in parse(overrides)]
     first = [options[0] for options in choices]
     compose(first)
     for number, options in enumerate(choices):

@@ -4,12 +4,11 @@ import shutil
 
 import pytest
 
-from sextant.cli import compose as compose_module
-from sextant.cli import config_files
-from sextant.cli.compose import compose, to_plain
-from sextant.cli.config_files import groups
-from sextant.cli.sweep_plan import check_sweep_overrides
+from sextant.composing import compose as compose_module
+from sextant.composing import config_files
+from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
+from sextant.lifecycle.sweep_plan import check_sweep_overrides
 from sextant.runs.outputs_folder import conf_dir
 
 
@@ -58,9 +57,7 @@ def own_configs(tmp_path, monkeypatch):
     copy = shutil.copytree(conf_dir(), tmp_path / "conf")
     for module in (compose_module, config_files):
         monkeypatch.setattr(module, "conf_dir", lambda: copy)
-    groups.cache_clear()
-    yield copy
-    groups.cache_clear()
+    return copy
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,86 @@
+"""Overrides of a config, such as ``optimizer.lr=0.1`` or ``seed=0,1,2``, understood one by one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hydra.core.override_parser import types
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException, OverrideParseException
+
+from sextant.errors import UserError
+
+
+@dataclass(frozen=True)
+class Override:
+    """One override.
+
+    Attributes:
+        text: as it was written.
+        parsed: what Hydra makes of it.
+    """
+
+    text: str
+    parsed: types.Override
+
+    @property
+    def key(self) -> str:
+        """The dotted key, or the group whose option it chooses."""
+        return str(self.parsed.key_or_group)
+
+    @property
+    def place(self) -> str:
+        """Where in the config it belongs: ``test_sampling`` for ``sampling@test_sampling=..``."""
+        return str(self.parsed.package or self.key.split(".")[0])
+
+    @property
+    def sweeps(self) -> bool:
+        """Whether it lists several values."""
+        return bool(self.parsed.is_sweep_override())
+
+    @property
+    def deletes(self) -> bool:
+        """Whether it takes something away: ``~key``."""
+        return bool(self.parsed.is_delete())
+
+    @property
+    def value(self) -> Any:
+        """Its one value."""
+        return self.parsed.value()
+
+    @property
+    def option(self) -> str:
+        """Its one value as text; empty for null."""
+        return str(self.parsed.get_value_element_as_str()) if self.value is not None else ""
+
+    def choices(self) -> list[str]:
+        """Its values as text; one unless it sweeps.
+
+        Raises:
+            UserError: it sweeps over something else than a list.
+        """
+        if not self.sweeps:
+            return [self.option if self.value is not None else "null"]
+        try:
+            return [str(value) for value in self.parsed.sweep_string_iterator()]
+        except (HydraException, ValueError):
+            raise UserError(f"{self.text}: a sweep lists its values", f"For example {self.key}=a,b,c") from None
+
+
+def parse(overrides: Sequence[str]) -> list[Override]:
+    """Overrides as they are understood.
+
+    Raises:
+        UserError: names the first that is not one.
+    """
+    parser, found = OverridesParser.create(), []
+    for text in overrides:
+        try:
+            (parsed,) = parser.parse_overrides([text])
+        except OverrideParseException:
+            raise UserError(
+                f"{text!r} is not a key=value override",
+                "Write key=value without spaces; quote values with special characters: 'key=\"a, b\"'",
+            ) from None
+        found.append(Override(text, parsed))
+    return found

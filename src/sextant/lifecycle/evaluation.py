@@ -1,0 +1,125 @@
+"""Testing a trained run under other data or conditions."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import groups
+from sextant.composing.overrides import parse
+from sextant.config import Config, digest, nearest
+from sextant.config.trained import trained_config
+from sextant.errors import UserError
+from sextant.lifecycle.checks import require_device
+from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
+from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.recipes import recipe_of
+from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+from sextant.runs.source_tree import source_sha256
+
+#: What may differ from training; the rest belongs to the weights.
+FREE = (
+    *("dataset", "corruption", "test_sampling", "trainer", "tracking", "paths", "reuse"),
+    *("fault", "faults", "recovery", "motion", "filter"),  # how a robot is localized, in the map that was trained
+)
+
+
+def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SILENT_RUN) -> Outcome:
+    """Rebuild a model from its checkpoint alone and test it; a finished test is returned as it is.
+
+    Args:
+        run: an MLflow run id, a run directory, a checkpoint or a published ``.pth.tar``.
+        overrides: of its config; which may be given, :data:`FREE` says.
+        reporter: listens.
+
+    Raises:
+        UserError: there is no such run, an override is wrong, or the model does not fit the data.
+    """
+    found = resolve_run(run, _outputs(overrides))
+    from sextant.runs.checkpoint import KEY
+    from sextant.trained.content import read_trained
+
+    content = read_trained(found.checkpoint)
+    raw, config = checkpoint_config(content[KEY], overrides)
+    recipe = recipe_of(config.task.name, reporter)
+    source = recipe.source(raw, config)
+    recipe.require_fit(raw, content[KEY]["spec"], source)
+    from sextant.lifecycle.training import test_checkpoint
+
+    identity = digest({**recipe.identity(config), "checkpoint": found.identity})
+    code = source_sha256(config.custom_targets())
+    key = RunKey("evaluation", identity, config.seed, code, source.fingerprint())
+
+    def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
+        open_mirror()
+        return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key, reporter)
+
+    device, published = partial(require_device, config), content[KEY].get("published")
+    return run_once(key, raw, config, work, device, published=published, reporter=reporter)
+
+
+def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Config]:
+    """The config of a checkpoint with ``overrides``, plain and typed.
+
+    Raises:
+        UserError: an override is wrong, label and config are of two tasks, or the checkpoint names an import path that
+            is not one of Sextant's: building it would run code that the file chose. ``trust=true`` allows it.
+    """
+    trust = "trust=true" in overrides
+    raw = merge(trained["config"], [override for override in overrides if override != "trust=true"])
+    config = trained_config(raw, trained["task"], trust=trust)
+    if (within := trained["spec"].get("features")) is not None:  # of another run's network, which is built as well
+        trained_config(within["config"], within["task"], trust=trust)
+    return raw, config
+
+
+def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The config of a checkpoint with other groups and values; where things lie is taken from here, not from there.
+
+    Raises:
+        UserError: an override is not understood, or would change what the weights were trained with.
+    """
+    parsed, known_groups = parse(overrides), groups()
+    settings = [f"task.{key}" for key in recipe_of(str(trained.get("task", {}).get("name"))).test_settings]
+    for override in parsed:
+        group = override.place
+        if group not in FREE and override.key not in settings:
+            known = nearest(group, FREE) if group not in trained and group not in known_groups else None
+            raise UserError(
+                f"{override.text}: "
+                + ("unknown key" if known else "this belongs to the trained weights and cannot change"),
+                f"Did you mean {known}?" if known else f"What may change: {', '.join([*FREE, *settings])}",
+            )
+    if any(override.deletes or override.sweeps for override in parsed):
+        raise UserError(f"{' '.join(overrides)}: give one value to each key", "For example corruption=gaussian")
+    chosen = {o.place for o in parsed if o.key in known_groups} | {"paths", "tracking"}
+    composed = to_plain(compose([override.text for override in parsed if override.place in chosen]))
+    merged = dict(trained) | {group: composed[group] for group in chosen}
+    merged |= {"reuse": "exact", "init_from": None, "sweep": None}
+    for override in parsed:
+        if override.place not in chosen:
+            _set(merged, override.key, override.value, override.text)
+    return merged
+
+
+def _set(config: dict[str, Any], key: str, value: Any, text: str) -> None:
+    node: Any = config
+    *parents, last = key.split(".")
+    for part in parents:
+        if not isinstance(node, dict) or part not in node:
+            raise UserError(f"{text}: unknown key", f"Keys there: {', '.join(node) if isinstance(node, dict) else ''}")
+        node[part] = dict(node[part]) if isinstance(node[part], dict) else node[part]
+        node = node[part]
+    if not isinstance(node, dict) or last not in node:
+        near = nearest(last, node)
+        prefix = ".".join([*parents, ""])
+        raise UserError(f"{text}: unknown key", f"Did you mean {prefix}{near}={value}?" if near else "")
+    node[last] = value
+
+
+def _outputs(overrides: Sequence[str]) -> Path:
+    given = [o.removeprefix("paths.outputs=") for o in overrides if o.startswith("paths.outputs=")]
+    return Path(given[-1]).expanduser().absolute() if given else default_outputs()

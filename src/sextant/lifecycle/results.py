@@ -1,0 +1,102 @@
+"""What the runs of a sweep found: for reports, and as a table."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.lifecycle.sweep import SweepOutcome
+from sextant.recipes import recipe_of
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.sweep_directory import find_sweep
+
+if TYPE_CHECKING:
+    from sextant.reports.results import CellResult, SweepResults
+
+Reference = str | Path | SweepOutcome
+
+
+def sweep_results(sweep: Reference, outputs: str | Path | None = None) -> "SweepResults":
+    """What the runs of a sweep found.
+
+    Args:
+        sweep: its name (the newest of that name), its directory, its MLflow parent run, or what
+            :func:`sextant.sweep` returned.
+        outputs: output folder; the default one unless given.
+
+    Raises:
+        UserError: there is no such sweep, its files are damaged, or no run is finished yet.
+    """
+    from sextant.reports.results import read_results
+
+    if isinstance(sweep, SweepOutcome):
+        sweep = sweep.directory
+    directory = find_sweep(str(sweep), default_outputs() if outputs is None else Path(outputs).expanduser().absolute())
+    return read_results(directory, directory.parents[1], lambda task: recipe_of(task).measured)
+
+
+def load_results(sweep: Reference, outputs: str | Path | None = None) -> list[dict[str, Any]]:
+    """A table of what the runs of a sweep found: one row for each run and condition, as pandas reads it.
+
+    A row has the ``sweep``, each factor by its key and as text, the ``arm``, ``pair`` and ``seed``, the ``status`` of
+    the run (``finished``, ``diverged``, ``failed``, ``missing``) and its directory ``run``, the ``condition``, and the
+    ``value`` under it of a ``quantity`` in a ``unit``. Of a run without a test there is one row; its condition is
+    None, its value nan.
+
+    Args:
+        sweep, outputs: as for :func:`sweep_results`.
+
+    Raises:
+        UserError: as :func:`sweep_results`.
+
+    Example:
+        >>> import pandas as pd  # doctest: +SKIP
+        >>> table = pd.DataFrame(sextant.load_results("demo"))  # doctest: +SKIP
+        >>> table.groupby(["arm", "condition"])["value"].mean()  # doctest: +SKIP
+    """
+    results = sweep_results(sweep, outputs)
+    return [row for cell in results.cells for row in _rows(cell, results)]
+
+
+def _rows(result: "CellResult", results: "SweepResults") -> list[dict[str, Any]]:
+    cell, measure = result.cell, results.measure
+    values: Mapping[str | None, float] = {name: result.value(name) for name in result.values} or {None: float("nan")}
+    return [
+        {
+            "sweep": results.plan.name,
+            **cell.factors,
+            "arm": cell.arm,
+            "pair": cell.pair,
+            "seed": cell.seed,
+            "status": result.outcome,
+            "condition": condition,
+            "value": value,
+            "quantity": measure.quantity,
+            "unit": measure.unit,
+            "run": str(results.directory.parents[1] / cell.run),
+        }
+        for condition, value in values.items()
+    ]
+
+
+def report(sweep: Reference, outputs: str | Path | None = None, *, track: bool = True) -> list[Path]:
+    """Write the report of a sweep into its directory, and log it on its parent run.
+
+    Args:
+        sweep, outputs: as for :func:`sweep_results`.
+        track: false keeps the report off the parent run.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        UserError: as :func:`sweep_results`; or the report is written, and the store of the parent run does not answer.
+    """
+    from sextant.reports.sweep_report import write_report
+
+    results = sweep_results(sweep, outputs)
+    files = write_report(results)
+    if track and results.plan.mlflow_runs:
+        from sextant.tracking.sweep_parent import log_report
+
+        log_report(results.directory.parents[1], results.plan, results.directory / "report")
+    return files
