@@ -48,7 +48,7 @@ def orientations() -> list[Row]:
         ours = fastest({"ours": lambda layer=layer: layer(image)}, 5)["ours"]
         naive = fastest({"naive": lambda layer=layer: one_by_one(layer, image)}, 1)["naive"]
         what = f"COSFIRE, 36 orientations of {name}, {len(layer.tuples(0))} parts, 256x256"
-        rows.append(row(what, ours, "every part anew", naive, aim))
+        rows.append(row(what, ours, "every part recomputed", naive, aim))
     return rows
 
 
@@ -63,7 +63,7 @@ def digits() -> list[Row]:
         row(
             "COSFIRE, maxima of 100 filters, an image of 64 digits",
             seconds["few"] / 64,
-            "every part anew",
+            "every part recomputed",
             naive,
             "≥ 10",
         ),
