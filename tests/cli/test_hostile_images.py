@@ -16,6 +16,7 @@ from fuzzing import fuzz
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sextant.applications import PhotoCalibrator
 from sextant.applications.detection.images import read_image
 from sextant.applications.localization.localizer import LocalizedPose
 from sextant.applications.places.run_facts import Temperature
@@ -81,7 +82,7 @@ class Nowhere:
 
 def calibration(photos: Path, output: Path) -> Said:
     paths = find_photos(str(photos), output)
-    rows = predict_calibrations(Fake(), paths, output, CalibrationOptions(undistort="none"))
+    rows = predict_calibrations(PhotoCalibrator(Fake()), paths, output, CalibrationOptions(undistort="none"))
     return {Path(row["file"]).name: row.get("error") for row in rows}
 
 

@@ -9,8 +9,13 @@ from typing import Any
 _HERE = {
     "Classified": "sextant.applications.classification",
     "ImageClassifier": "sextant.applications.classification",
+    "FailedPhoto": "sextant.applications.calibration.failures",
+    "FailedPhotosError": "sextant.applications.calibration.failures",
     "LocalizedPose": "sextant.applications.localization.localizer",
     "Localizer": "sextant.applications.localization.localizer",
+    "OneCamera": "sextant.applications.calibration.one_camera",
+    "PhotoCalibrator": "sextant.applications.calibration.calibrator",
+    "PhotoCamera": "sextant.applications.calibration.photo_camera",
 }
 __all__ = list(_HERE)
 

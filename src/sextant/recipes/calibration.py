@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import CalibrationTask
-from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset, build_suite, build_training, conditions_name
 from sextant.recipes.recipe import Recipe, Source, TestRecord
 
@@ -85,7 +84,7 @@ class CalibrationRecipe(Recipe):
         import numpy as np
 
         from sextant.geometry import CameraParameters, ParameterSpace
-        from sextant.tasks.calibration.module import reported
+        from sextant.tasks.calibration.network import reported
 
         task = config.task
         assert isinstance(task, CalibrationTask)
@@ -108,31 +107,17 @@ class CalibrationRecipe(Recipe):
 
     def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "Calibration":
         """The calibration module."""
-        from sextant.models import CalibrationNet
-        from sextant.tasks.calibration.module import Calibration, CalibrationSpec
+        from sextant.tasks.calibration.module import Calibration
+        from sextant.tasks.calibration.network import network_parts
 
-        task = raw["task"]
-        listed: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in spec.items()}
-        facts = CalibrationSpec(**listed)
-        parameterization = build(raw, "parameterization")
-        backbone = build(
-            raw,
-            "backbone",
-            in_channels=6 if task["coordinates"] else 3,
-            image_size=(facts.height, facts.width),
-            num_classes=task["features"],
-        )
-        try:
-            backbone = build(raw, "inhibition")(backbone)
-        except ValueError as error:
-            raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+        network, facts, parameterization = network_parts(raw, spec, partial(build, raw))
         return Calibration(
-            CalibrationNet(backbone, task["features"], coordinates=task["coordinates"]),
+            network,
             facts,
             parameterization,
             build(raw, "loss", space=facts.space(parameterization)),
             build_suite(raw),
-            clip=task["clip"],
+            clip=raw["task"]["clip"],
             **build_training(raw, training),
         )
 

@@ -1,11 +1,12 @@
 import json
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 from cli.photo_calibration.fakes import Fake, calibrate, exif, photo
 
-from sextant.applications.calibration.ranges import ENDS
+from sextant.applications.calibration.confidence import ENDS
 from sextant.geometry import vfov_from_focal
 
 #: five degrees of field of view at 68 %, for the scores' quantile is 1.38, and seven at 95 %
@@ -78,10 +79,9 @@ def test_a_photo_that_looks_like_nothing_trained_on_is_told(tmp_path, strange, v
     assert ("does not look like" in " ".join(row["confidence"]["reasons"])) == (verdict == "weak")
 
 
-def test_a_photo_smaller_than_the_input_is_weak(tmp_path, monkeypatch):
-    monkeypatch.setattr(Fake, "input_width", 24)
+def test_a_photo_smaller_than_the_input_is_weak(tmp_path):
     model = Fake()
-    model.input_width, model.input_height = 40, 36
+    model.spec = replace(model.spec, width=40, height=36)
     model.predict = lambda images, aspect: Fake.predict(Fake(), images[:, :, :18, :24], aspect)
     (row,) = calibrate([photo(tmp_path / "a.png", (32, 32))], tmp_path / "out", model)
     assert row["confidence"]["verdict"] == "weak"

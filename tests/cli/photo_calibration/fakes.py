@@ -3,23 +3,26 @@
 import torch
 from PIL import Image
 
-from sextant.applications.calibration.options import CalibrationOptions
+from sextant.applications import PhotoCalibrator
+from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.predict import predict_calibrations
-from sextant.geometry import CameraParameters, PerspectiveCamera
-from sextant.tasks.calibration.module import CalibrationPrediction
+from sextant.geometry import CameraParameters, Parameterization, PerspectiveCamera
+from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork
 
 SCALE = (0.02, 0.01, 0.03, 0.05)
 SPREAD = (0.2, 0.1, 0.3, 0.4)
 
 
-class Fake:
+class Fake(CameraNetwork):
     """A network that says what is written into the photo: grey value g is focal length g / 100 of the part it sees."""
 
-    input_width, input_height, k2_of_k1 = 24, 18, "lopez"
-    aspects, spread = (1.0, 4 / 3), SPREAD
     strangeness = None
 
     def __init__(self, tilt=0.1, roll=-0.05, k1_hat=-0.3, scale=SCALE, scores=100, place=0.5):
+        torch.nn.Module.__init__(self)
+        nothing = (0.0, 0.0, 0.0, 0.0)
+        self.spec = CalibrationSpec(18, 24, (1.0, 4 / 3), nothing, nothing, scores, 1, nothing, SPREAD)
+        self.parameterization = Parameterization()
         self.tilt, self.roll, self.k1_hat, self.scale, self.place = tilt, roll, k1_hat, scale, place
         self.scores = torch.linspace(0.02, 2, scores)[:, None].expand(-1, 4)
         self.seen = []
@@ -53,7 +56,7 @@ def exif(focal_35mm):
 
 
 def calibrate(paths, output, model=None, **options):
-    return predict_calibrations(model or Fake(), paths, output, CalibrationOptions(**options))
+    return predict_calibrations(PhotoCalibrator(model or Fake()), paths, output, CalibrationOptions(**options))
 
 
 def camera_of(row):

@@ -1,7 +1,6 @@
 import pytest
 
-from sextant.applications.calibration.options import CalibrationOptions
-from sextant.cli.photo_calibration.options import options_from
+from sextant.cli.photo_calibration.options import CalibrationOptions, options_from
 from sextant.errors import UserError
 
 

@@ -12,7 +12,8 @@ from sextant.data.calibration.datamodule import CalibrationData
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
 from sextant.losses import BearingLoss
 from sextant.models import CalibrationNet, StridedCNN
-from sextant.tasks.calibration.module import Calibration, CalibrationPrediction, CalibrationSpec, reported
+from sextant.tasks.calibration.module import Calibration
+from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, reported
 from sextant.tasks.calibration.report import arrays, compare, figures, metrics, table
 
 

@@ -1,7 +1,1 @@
-"""Photos of any kind to their cameras, with all that can be said of them.
-
-The network sees the largest centred part of a photo that has an aspect it was trained on; what it finds is given in
-pixels of the whole upright original. Where a focal length is known beforehand, or photos are of one camera, the
-estimates are fused at fixed appearance: the apparent distortion ``k1 / f²`` and the seen offset of the horizon stay, so
-that k1 and tilt follow the new focal length.
-"""
+"""Photos of any kind to their cameras, with all that can be said of them."""

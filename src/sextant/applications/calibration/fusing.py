@@ -6,16 +6,19 @@ With the longer side of the original as unit, photos of one camera, upright or n
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import torch
+from jaxtyping import Float64
+from numpy import ndarray
 
 from sextant.applications.calibration.finding import LEVELS, Finding
 from sextant.evaluation.calibration.fusion import Fusion
 from sextant.geometry import CameraParameters, k2_of_k1, rho_from_tilt, tilt_from_rho
 
 
-def estimate(finding: Finding) -> tuple[np.ndarray, np.ndarray]:
+def estimate(finding: Finding) -> tuple[Float64[ndarray, "2"], Float64[ndarray, "2"]]:
     """Log of the focal length and k1_hat in units of the longer side, with standard errors: half the 68 % intervals."""
     focal, zoom = float(finding.camera.focal), finding.side / finding.view.height
     per_vfov = (4 * focal * focal + 1) / (4 * focal)  # |d ln f / d vfov|
@@ -25,8 +28,8 @@ def estimate(finding: Finding) -> tuple[np.ndarray, np.ndarray]:
     return np.array([math.log(focal / zoom), k1_hat * zoom**2]), np.maximum(sigmas, 1e-9)
 
 
-def adopt(finding: Finding, fusion: Fusion, basis: str) -> None:
-    """Put a fused focal length and distortion into a finding, at the same horizon as seen in the picture."""
+def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
+    """The finding with a fused focal length and distortion, at the same horizon as seen in the picture."""
     zoom = finding.side / finding.view.height
     old = finding.camera
     focal = torch.tensor(math.exp(fusion.values[0]) * zoom, dtype=torch.float64)
@@ -34,8 +37,8 @@ def adopt(finding: Finding, fusion: Fusion, basis: str) -> None:
     rho = rho_from_tilt(old.tilt, old.focal, old.k1, finding.k2)
     tilt = tilt_from_rho(rho, focal, k1, k2_of_k1(k1, finding.family))
     per_log_focal = 4 * float(focal) / (4 * float(focal) ** 2 + 1)
-    finding.camera = CameraParameters(tilt, old.roll, focal, k1)
+    half = {}
     for name, (_, multiple) in LEVELS.items():
         fused = fusion.sigmas * multiple * np.array([per_log_focal, zoom**-2])
-        finding.half[name] = np.concatenate([finding.half[name][:2], fused])
-    finding.basis = basis
+        half[name] = np.concatenate([finding.half[name][:2], fused])
+    return replace(finding, camera=CameraParameters(tilt, old.roll, focal, k1), half=half, basis=basis)

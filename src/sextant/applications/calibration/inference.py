@@ -1,73 +1,96 @@
-"""What the network says of each photo, and what speaks against it there and then."""
+"""What the network says of photos, and what speaks against it there and then."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
+from jaxtyping import Float64, UInt8
+from numpy import ndarray
+from torch import Tensor
 
+from sextant.applications.calibration.failures import FailedPhoto
 from sextant.applications.calibration.finding import LEVELS, Finding
-from sextant.applications.calibration.model import CalibrationModel
-from sextant.data.photos import NetworkView, Photo, network_view, read_photo
+from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
+from sextant.tasks.calibration.network import CameraNetwork
 
+#: photos whose small views go through the network at a time
 BATCH = 64
 LITTLE_SEEN = 0.6  # of the photo's area
+AnyPhoto = Path | str | UInt8[ndarray, "h w 3"]
 
 
-def find_cameras(model: CalibrationModel, paths: Sequence[Path], rows: dict[Path, dict[str, Any]]) -> Iterable[Finding]:
-    """What the network says of each photo; that one failed is put into its row.
+def find_cameras(network: CameraNetwork, photos: Iterable[tuple[str, AnyPhoto]]) -> Iterator[Finding | FailedPhoto]:
+    """What the network says of each photo, in their order.
 
-    Photos are read one at a time and only the small views are kept.
+    Photos are read one at a time, and only the small views are kept.
+
+    Args:
+        network: that was trained.
+        photos: with their names.
     """
-    for start in range(0, len(paths), BATCH):
-        batch: list[tuple[Path, Photo, NetworkView]] = []
-        for path in paths[start : start + BATCH]:
-            try:
-                photo = read_photo(path)
-            except UserError as error:
-                rows[path]["error"] = error.problem
-                continue
-            view = network_view(photo, model.aspects, model.input_width, model.input_height)
-            batch.append((path, _without_pixels(photo), view))
-        if not batch:
-            continue
-        images = torch.from_numpy(np.stack([view.image for _, _, view in batch]).transpose(0, 3, 1, 2).copy())
-        with torch.no_grad():
-            said = model.predict(images, torch.tensor([view.aspect for _, _, view in batch]))
-        strange = torch.zeros(len(batch)) if said.strangeness is None else said.strangeness.cpu()
-        cameras = torch.stack(list(said.parameters), -1).cpu().double()
-        half = {name: (said.scale * said.quantile(level)).cpu().double() for name, (level, _) in LEVELS.items()}
-        for i, (path, photo, view) in enumerate(batch):
-            camera = CameraParameters(*cameras[i].unbind())
-            if not (cameras[i].isfinite().all() and camera.focal > 0 and camera.tilt.abs() < math.pi / 2):
-                numbers = ", ".join(f"{n}={v:.3g}" for n, v in zip(camera._fields, cameras[i].tolist(), strict=True))
-                rows[path]["error"] = f"{path}: what the network predicts is no camera ({numbers})"
-                continue
-            widths = {name: np.nan_to_num(half[name][i].numpy(), nan=np.inf, posinf=np.inf) for name in LEVELS}
-            finding = Finding(path, photo, view, camera, widths, model.k2_of_k1)
-            _doubt_view(finding, model, float(strange[i]))
-            yield finding
+    left = iter(photos)
+    while batch := [_seen(network, name, photo) for name, photo in islice(left, BATCH)]:
+        predicted = _predicted(network, [each[2] for each in batch if not isinstance(each, FailedPhoto)])
+        for each in batch:
+            yield each if isinstance(each, FailedPhoto) else _finding(network, *each, *next(predicted))
 
 
-def _without_pixels(photo: Photo) -> Photo:
-    return Photo(np.zeros((0, 0, 3), np.uint8), photo.width, photo.height, photo.orientation, photo.exif_focal_px)
+def _seen(network: CameraNetwork, name: str, photo: AnyPhoto) -> tuple[str, Photo, NetworkView] | FailedPhoto:
+    """A photo without its pixels, and the part that the network sees."""
+    spec = network.spec
+    try:
+        read = photo_of_array(photo, name) if isinstance(photo, ndarray) else read_photo(Path(photo))
+    except UserError as error:
+        return FailedPhoto(name, error)
+    view = network_view(read, spec.aspects, spec.width, spec.height)
+    return name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view
 
 
-def _doubt_view(finding: Finding, model: CalibrationModel, strangeness: float) -> None:
-    view, photo = finding.view, finding.photo
+def _predicted(
+    network: CameraNetwork, views: Sequence[NetworkView]
+) -> Iterator[tuple[Tensor, dict[str, Float64[ndarray, "4"]], float]]:
+    """Of each view the numbers of the camera, by level half the widths of their intervals, and its strangeness."""
+    if not views:
+        return
+    images = torch.from_numpy(np.stack([view.image for view in views]).transpose(0, 3, 1, 2).copy())
+    said = network.predict(images, torch.tensor([view.aspect for view in views]))
+    strange = torch.zeros(len(views)) if said.strangeness is None else said.strangeness.cpu()
+    cameras = torch.stack(list(said.parameters), -1).cpu().double()
+    half = {name: (said.scale * said.quantile(level)).cpu().double().numpy() for name, (level, _) in LEVELS.items()}
+    for i, camera in enumerate(cameras):
+        widths = {name: np.nan_to_num(each[i], nan=np.inf, posinf=np.inf) for name, each in half.items()}
+        yield camera, widths, float(strange[i])
+
+
+def _finding(
+    network: CameraNetwork,
+    name: str,
+    photo: Photo,
+    view: NetworkView,
+    numbers: Tensor,
+    half: dict[str, Float64[ndarray, "4"]],
+    strangeness: float,
+) -> Finding | FailedPhoto:
+    spec, camera = network.spec, CameraParameters(*numbers.unbind())
+    if not (numbers.isfinite().all() and camera.focal > 0 and camera.tilt.abs() < math.pi / 2):
+        said = ", ".join(f"{n}={v:.3g}" for n, v in zip(camera._fields, numbers.tolist(), strict=True))
+        return FailedPhoto(name, UserError(f"{name}: what the network predicts is no camera ({said})"))
+    doubts = []
     if view.share < LITTLE_SEEN:
-        finding.doubts.append((1, f"the network saw only {view.share:.0%} of the photo: it has an unusual shape"))
-    if view.width < model.input_width or view.height < model.input_height:
-        finding.doubts.append(
-            (1, f"{photo.width}x{photo.height} pixels are fewer than the {model.input_width}x{model.input_height} that "
-                "the network takes")
-        )  # fmt: skip
+        doubts.append(f"the network saw only {view.share:.0%} of the photo: it has an unusual shape")
+    if view.width < spec.width or view.height < spec.height:
+        doubts.append(
+            f"{photo.width}x{photo.height} pixels are fewer than the {spec.width}x{spec.height} that the network takes"
+        )
     if strangeness > 1:
-        finding.doubts.append(
-            (1, f"it does not look like anything the network was trained on: {strangeness:.1f} times as far from it as "
-                "all but a twentieth of its validation images")
-        )  # fmt: skip
+        doubts.append(
+            f"it does not look like anything the network was trained on: {strangeness:.1f} times as far from it as all "
+            "but a twentieth of its validation images"
+        )
+    return Finding(name, photo, view, camera, half, network.parameterization.k2_of_k1).doubted(1, *doubts)

@@ -2,93 +2,123 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from sextant.applications.calibration.failures import FailedPhoto
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate
-from sextant.applications.calibration.options import CalibrationOptions
-from sextant.applications.calibration.priors import disagreement, focal_prior
+from sextant.applications.calibration.photo_camera import PhotoCamera
+from sextant.applications.calibration.priors import FocalPrior, disagreement, prior_of
 from sextant.errors import UserError
 from sextant.evaluation.calibration.fusion import Fusion, Prior, fuse, with_prior
 
 SAME_SHAPE = 0.02  # largest relative difference of aspect among photos of one camera
 
 
-def fuse_as_one_camera(findings: Sequence[Finding], options: CalibrationOptions) -> dict[str, Any]:
-    """Fuse focal length and distortion of all photos, and put them into each that agrees.
+@dataclass(frozen=True, eq=False)
+class OneCamera:
+    """One camera and lens setting by several of its photos.
 
-    Returns:
-        What is told of the camera.
+    Attributes:
+        photos: each with the camera fused over all, or why it failed; in the order given.
+        fusion: of the log of the focal length, and of k1 / f², f in longer sides of a photo; with which photos were
+            kept, and whether these agree.
+        doubts: what speaks against it.
+    """
+
+    photos: tuple[PhotoCamera | FailedPhoto, ...]
+    fusion: Fusion
+    doubts: tuple[str, ...]
+
+    @property
+    def cameras(self) -> tuple[PhotoCamera, ...]:
+        """Of the photos that did not fail."""
+        return tuple(photo for photo in self.photos if isinstance(photo, PhotoCamera))
+
+    @property
+    def focal_of_longer_side(self) -> float:
+        """Focal length in longer sides of a photo: times the longer side, pixels."""
+        return math.exp(self.fusion.values[0])
+
+    def row(self) -> dict[str, Any]:
+        """Plain values of the fusion."""
+        kept = [(camera.name, bool(kept)) for camera, kept in zip(self.cameras, self.fusion.kept, strict=True)]
+        return {
+            "photos": len(kept),
+            "kept": [name for name, used in kept if used],
+            "left_out": [name for name, used in kept if not used],
+            "focal_of_longer_side": self.focal_of_longer_side,
+            "focal_log_sigma": float(self.fusion.sigmas[0]),
+            "k1_hat_of_longer_side": float(self.fusion.values[1]),
+            "k1_hat_sigma": float(self.fusion.sigmas[1]),
+            "chi_square": self.fusion.chi_square,
+            "degrees_of_freedom": self.fusion.degrees,
+            "p_value": self.fusion.p_value,
+            "consistent": self.fusion.consistent,
+            "prior_z": self.fusion.prior_z,
+            "doubts": list(self.doubts),
+        }
+
+
+def fuse_as_one_camera(
+    findings: Sequence[Finding], focal_prior: FocalPrior
+) -> tuple[list[Finding], Fusion, tuple[str, ...]]:
+    """The findings with the focal length and distortion of all, where they agree; the fusion, and doubts about it.
 
     Raises:
         UserError: the photos cannot be of one camera, or the network gives no intervals.
     """
-    _check_one_camera(findings, options)
-    estimates = [estimate(finding) for finding in findings]
-    values, sigmas = (np.stack(column) for column in zip(*estimates, strict=True))
+    _check_one_camera(findings, focal_prior)
+    values, sigmas = (np.stack(column) for column in zip(*map(estimate, findings), strict=True))
     if not np.isfinite(sigmas).any(0).all():
-        raise UserError("camera=one: the network gives no intervals, without which nothing can be fused", "camera=each")
-    fusion, doubts = _with_priors(fuse(values, sigmas), findings, options)
+        raise UserError(
+            "the network gives no intervals, without which photos of one camera cannot be fused",
+            "Calibrate each photo by itself.",
+        )
+    fusion, doubts = _with_priors(fuse(values, sigmas), findings, focal_prior)
     if not fusion.consistent:
         doubts.append(
             f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they of one camera?"
         )
-    for finding, kept in zip(findings, fusion.kept, strict=True):
-        if kept:
-            adopt(finding, fusion, f"fused over {int(fusion.kept.sum())} photos, normal")
-            finding.doubts += [(1, text) for text in doubts]
-        else:
-            finding.doubts.append((1, "left out of the fusion: it disagrees with the other photos"))
-    return _summary(findings, fusion, doubts)
+    basis = f"fused over {int(fusion.kept.sum())} photos, normal"
+    fused = [
+        adopt(finding, fusion, basis).doubted(1, *doubts)
+        if kept
+        else finding.doubted(1, "left out of the fusion: it disagrees with the other photos")
+        for finding, kept in zip(findings, fusion.kept, strict=True)
+    ]
+    return fused, fusion, tuple(doubts)
 
 
-def _with_priors(fusion: Fusion, findings: Sequence[Finding], options: CalibrationOptions) -> tuple[Fusion, list[str]]:
+def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: FocalPrior) -> tuple[Fusion, list[str]]:
     """The fusion with the median of what is known of the focal length, and what speaks against that."""
-    priors = [prior for finding in findings if (prior := focal_prior(finding, options))]
+    priors = [prior for finding in findings if (prior := prior_of(finding, focal_prior))]
     doubts: list[str] = []
     if priors:
         means = np.array([prior.mean for prior in priors])
         if np.ptp(means) > 2 * priors[0].sigma:
             doubts.append("EXIF tells focal lengths that differ: a zoom lens is another camera at each setting")
         fusion = with_prior(fusion, 0, Prior(float(np.median(means)), priors[0].sigma))
-        if text := disagreement(fusion.prior_z, options):
-            doubts.append(text)
+        doubts += disagreement(fusion.prior_z, focal_prior)
     return fusion, doubts
 
 
-def _summary(findings: Sequence[Finding], fusion: Fusion, doubts: list[str]) -> dict[str, Any]:
-    return {
-        "photos": len(findings),
-        "kept": [str(f.path) for f, kept in zip(findings, fusion.kept, strict=True) if kept],
-        "left_out": [str(f.path) for f, kept in zip(findings, fusion.kept, strict=True) if not kept],
-        "focal_of_longer_side": math.exp(fusion.values[0]),
-        "focal_log_sigma": float(fusion.sigmas[0]),
-        "k1_hat_of_longer_side": float(fusion.values[1]),
-        "k1_hat_sigma": float(fusion.sigmas[1]),
-        "chi_square": fusion.chi_square,
-        "degrees_of_freedom": fusion.degrees,
-        "p_value": fusion.p_value,
-        "consistent": fusion.consistent,
-        "prior_z": fusion.prior_z,
-        "doubts": doubts,
-    }
-
-
-def _check_one_camera(findings: Sequence[Finding], options: CalibrationOptions) -> None:
-    shapes = {f.path: f.side / min(f.photo.width, f.photo.height) for f in findings}
+def _check_one_camera(findings: Sequence[Finding], focal_prior: FocalPrior) -> None:
+    shapes = {f.name: f.side / min(f.photo.width, f.photo.height) for f in findings}
     first, last = min(shapes, key=lambda p: shapes[p]), max(shapes, key=lambda p: shapes[p])
     if shapes[last] / shapes[first] - 1 > SAME_SHAPE:
         raise UserError(
-            f"camera=one: {first} and {last} have sides of 1:{shapes[first]:.3f} and 1:{shapes[last]:.3f}, so that one "
-            "of them was cropped or is of another camera",
-            "Take it out, or calibrate each photo by itself: camera=each",
+            f"{first} and {last} have sides of 1:{shapes[first]:.3f} and 1:{shapes[last]:.3f}, so that they are not of "
+            "one camera, or one was cropped",
+            "Take it out, or calibrate each photo by itself.",
         )
     sides = {finding.side for finding in findings}
-    if isinstance(options.focal_prior, float) and len(sides) > 1:
+    if isinstance(focal_prior, int | float) and len(sides) > 1:
         raise UserError(
-            f"camera=one focal_prior={options.focal_prior:g}: the photos have longer sides of {min(sides)} to "
-            f"{max(sides)} pixels, so that their focal lengths in pixels differ",
+            f"focal_prior={focal_prior:g}: the photos have longer sides of {min(sides)} to {max(sides)} pixels, so "
+            "that their focal lengths in pixels differ",
             "Give photos of one size, or focal_prior=exif",
         )

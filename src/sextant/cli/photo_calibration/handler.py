@@ -20,11 +20,8 @@ class Calibration(Handler):
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Calibrate photos."""
-        from sextant.applications.calibration.model import TrainedModel
+        from sextant.applications import PhotoCalibrator
         from sextant.cli.photo_calibration.predict import predict_calibrations
-        from sextant.recipes.trained_model import model_from_checkpoint
-        from sextant.trained.content import own_config
 
-        own = own_config(trained.about, trust=trained.trust)
-        module = model_from_checkpoint(*own, trained.content, trained.found.checkpoint)
-        predict_calibrations(TrainedModel(module), paths, output, options_from(given))
+        calibrator = PhotoCalibrator.of(trained.content, trained.found.checkpoint, trust=trained.trust)
+        predict_calibrations(calibrator, paths, output, options_from(given))

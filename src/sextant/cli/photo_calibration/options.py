@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
-from sextant.applications.calibration.options import CalibrationOptions, Cameras, Undistort
 from sextant.errors import UserError
 
 KEYS = {
@@ -12,6 +12,23 @@ KEYS = {
     "camera": "each (default), or one: all photos are of one camera and lens setting, and are fused",
     "focal_prior": "none (default), exif, or a focal length in pixels of the photo",
 }
+Undistort = Literal["crop", "all", "none"]
+Cameras = Literal["each", "one"]
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """What the user chose.
+
+    Attributes:
+        undistort: straightened photos keep no borders (``crop``), every pixel (``all``), or are not made.
+        camera: photos are of one camera and lens setting each, or all of one.
+        focal_prior: ``exif``, or a focal length in pixels of the photo that is known beforehand.
+    """
+
+    undistort: Undistort = "crop"
+    camera: Cameras = "each"
+    focal_prior: float | Literal["exif"] | None = None
 
 
 def options_from(given: Mapping[str, str]) -> CalibrationOptions:
@@ -25,16 +42,21 @@ def options_from(given: Mapping[str, str]) -> CalibrationOptions:
             raise UserError(
                 f"{key}={given[key]} must be one of {', '.join(allowed)}", f"For example {key}={allowed[0]}"
             )
-    text = given.get("focal_prior", "none")
-    prior: Any = text
-    if text not in ("none", "exif"):
-        try:
-            prior = float(text)
-        except ValueError:
-            prior = math.nan
-        if not (math.isfinite(prior) and prior > 0):
-            raise UserError(
-                f"focal_prior={text} must be none, exif or a focal length in pixels above 0", "focal_prior=exif"
-            )
     undistort, camera = given.get("undistort", "crop"), given.get("camera", "each")
-    return CalibrationOptions(undistort, camera, prior)  # type: ignore[arg-type]  # checked above
+    return CalibrationOptions(undistort, camera, _prior(given.get("focal_prior", "none")))  # type: ignore[arg-type]  # checked above
+
+
+def _prior(text: str) -> float | Literal["exif"] | None:
+    if text == "none":
+        return None
+    if text == "exif":
+        return "exif"
+    try:
+        prior = float(text)
+    except ValueError:
+        prior = math.nan
+    if not (math.isfinite(prior) and prior > 0):
+        raise UserError(
+            f"focal_prior={text} must be none, exif or a focal length in pixels above 0", "focal_prior=exif"
+        )
+    return prior

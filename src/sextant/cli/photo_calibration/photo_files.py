@@ -10,15 +10,13 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.applications.calibration.finding import Finding
-from sextant.applications.calibration.model import CalibrationModel
-from sextant.applications.calibration.options import CalibrationOptions
-from sextant.applications.calibration.rows import camera_row
+from sextant.applications.calibration.failures import FailedPhoto
+from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.photo_calibration.drawing import calibrated_photo
 from sextant.cli.photo_calibration.file_names import file_stems
-from sextant.data.photos import Keep, read_photo, undistort_photo
+from sextant.cli.photo_calibration.options import Undistort
+from sextant.data.photos import Keep, read_photo
 from sextant.figures.calibration.overlay import LONGEST_SIDE, CalibratedPhoto, calibration_overlay
 from sextant.figures.style import save_figure
 
@@ -26,49 +24,42 @@ SHEET = 40  # photos on the contact sheet
 
 
 def write_photos(
-    model: CalibrationModel,
-    findings: Sequence[Finding],
-    rows: dict[Path, dict[str, Any]],
-    output: Path,
-    options: CalibrationOptions,
-) -> list[CalibratedPhoto]:
-    """Write ``<stem>.json``, ``<stem>_overlay.png`` and ``<stem>_undistorted`` of each photo, and complete its row.
+    found: Sequence[PhotoCamera | FailedPhoto], output: Path, undistort: Undistort
+) -> tuple[list[dict[str, Any]], list[CalibratedPhoto]]:
+    """Write ``<stem>.json``, ``<stem>_overlay.png`` and ``<stem>_undistorted`` of each photo that did not fail.
 
     Returns:
-        What belongs on the contact sheet.
+        The rows of all photos, and what belongs on the contact sheet.
 
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
     """
     sheet: list[CalibratedPhoto] = []
-    for finding, stem in zip(findings, file_stems([finding.path for finding in findings]), strict=True):
-        row = rows[finding.path]
-        row |= camera_row(finding, model)
-        image = read_photo(finding.path).image  # again, so that never more than one photo is in memory
+    rows = [each.row() for each in found]
+    good = [(each, row) for each, row in zip(found, rows, strict=True) if isinstance(each, PhotoCamera)]
+    for (camera, row), stem in zip(good, file_stems([Path(camera.name) for camera, _ in good]), strict=True):
+        image = read_photo(Path(camera.name)).image  # again, so that never more than one photo is in memory
         with telling_write_errors(output):
-            if options.undistort != "none":
-                row["undistorted"] = _write_straight(finding, image, row, output, stem, options.undistort)
+            if undistort != "none":
+                row["undistorted"] = _write_straight(camera, image, output, stem, undistort)
             small = Image.fromarray(image)
             small.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
-            drawn = calibrated_photo(finding, np.asarray(small), row)
+            drawn = camera.drawn(np.asarray(small))
             save_figure(calibration_overlay(drawn), output, f"{stem}_overlay")
             write_json(output / f"{stem}.json", row)
         if len(sheet) < SHEET:
             sheet.append(drawn)
-    return sheet
+    return rows, sheet
 
 
 def _write_straight(
-    finding: Finding, image: UInt8[ndarray, "h w 3"], row: dict[str, Any], output: Path, stem: str, keep: Keep
+    camera: PhotoCamera, image: UInt8[ndarray, "h w 3"], output: Path, stem: str, keep: Keep
 ) -> dict[str, Any]:
-    kind = "jpg" if finding.path.suffix.lower() in (".jpg", ".jpeg") else "png"
+    kind = "jpg" if Path(camera.name).suffix.lower() in (".jpg", ".jpeg") else "png"
     name = f"{stem}_undistorted.{kind}"
-    scale = image.shape[0] / finding.photo.height
-    straight, focal = undistort_photo(image, finding.focal_px * scale, row["k1"], row["k2"], keep)
+    straight, focal = camera.undistort(image, keep)
     _save(Image.fromarray(straight), output / name, kind)
-    return {
-        "file": name, "focal_px": focal, "width": straight.shape[1], "height": straight.shape[0], "kept": keep,
-    }  # fmt: skip
+    return {"file": name, "focal_px": focal, "width": straight.shape[1], "height": straight.shape[0], "kept": keep}
 
 
 def _save(image: Image.Image, path: Path, kind: str) -> None:

@@ -4,35 +4,41 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sextant.applications.calibration.inference import find_cameras
-from sextant.applications.calibration.model import CalibrationModel
-from sextant.applications.calibration.one_camera import fuse_as_one_camera
-from sextant.applications.calibration.options import CalibrationOptions
-from sextant.applications.calibration.priors import use_prior
+from sextant.applications.calibration.calibrator import PhotoCalibrator
+from sextant.applications.calibration.failures import FailedPhoto, FailedPhotosError
+from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.cli.output_folder import make_output
 from sextant.cli.photo_calibration.collected_files import write_collected
+from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.photo_calibration.photo_files import write_photos
 from sextant.cli.photo_calibration.telling import tell
 from sextant.cli.skipped_files import skipped_of
 
 
 def predict_calibrations(
-    model: CalibrationModel, paths: Sequence[Path], output: Path, options: CalibrationOptions
+    calibrator: PhotoCalibrator, paths: Sequence[Path], output: Path, options: CalibrationOptions
 ) -> list[dict[str, Any]]:
-    """Calibrate photos, write everything into ``output`` and tell it; a photo that fails is named and the rest go on.
+    """Calibrate photos, write everything into ``output`` and show it; a photo that fails is named and the rest go on.
 
     Raises:
         UserError: not one photo could be calibrated, they cannot be of one camera, or the disk is full.
     """
     make_output(output)
-    rows: dict[Path, dict[str, Any]] = {path: {"file": str(path)} for path in paths}
-    findings = list(find_cameras(model, list(rows), rows))
-    summary = fuse_as_one_camera(findings, options) if options.camera == "one" and findings else None
+    found, summary = _calibrated(calibrator, paths, options)
+    rows, sheet = write_photos(found, output, options.undistort)
+    write_collected(rows, summary, sheet, output)
+    tell(rows, skipped_of(rows, f"none of {len(rows):,} photos could be calibrated"), summary, output)
+    return rows
+
+
+def _calibrated(
+    calibrator: PhotoCalibrator, paths: Sequence[Path], options: CalibrationOptions
+) -> tuple[Sequence[PhotoCamera | FailedPhoto], dict[str, Any] | None]:
+    """What was found of each photo, and the summary of the one camera, if they are of one."""
     if options.camera == "each":
-        for finding in findings:
-            use_prior(finding, options)
-    sheet = write_photos(model, findings, rows, output, options)
-    write_collected(list(rows.values()), summary, sheet, output)
-    skipped = skipped_of(rows.values(), f"none of {len(rows):,} photos could be calibrated")
-    tell(list(rows.values()), skipped, summary, output)
-    return list(rows.values())
+        return calibrator.calibrate_many(paths, focal_prior=options.focal_prior, errors="return"), None
+    try:
+        one = calibrator.one_camera(paths, focal_prior=options.focal_prior, errors="return")
+    except FailedPhotosError as error:
+        return error.failed, None
+    return one.photos, one.row()

@@ -7,7 +7,7 @@ bounded; all lengths are still told in pixels of the original.
 
 from sextant.data.photos.exif import exif_focal_px
 from sextant.data.photos.photo import Photo
-from sextant.data.photos.reading import read_photo
+from sextant.data.photos.reading import photo_of_array, read_photo
 from sextant.data.photos.undistortion import Keep, straight_focal, undistort_photo
 from sextant.data.photos.view import NetworkView, network_view
 
@@ -17,6 +17,7 @@ __all__ = [
     "Photo",
     "exif_focal_px",
     "network_view",
+    "photo_of_array",
     "read_photo",
     "straight_focal",
     "undistort_photo",

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 from PIL import Image
 
 from sextant.data.photos.exif import exif_focal_px, exif_numbers
@@ -50,6 +51,24 @@ def read_photo(path: Path) -> Photo:
     except Exception as error:  # the decoders raise almost anything on broken files
         problem = f"{path} cannot be read as a photo ({size:,} bytes): {error or type(error).__name__}"
         raise UserError(problem, _hint(path)) from None
+
+
+def photo_of_array(image: ndarray, name: str) -> Photo:
+    """A photo that was decoded elsewhere.
+
+    Args:
+        image: upright RGB bytes, ``(h, w, 3)``.
+        name: of it, for messages.
+
+    Raises:
+        UserError: it is no such array, or smaller than 32 pixels a side.
+    """
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        shape = "x".join(map(str, image.shape))
+        raise UserError(f"{name} is {image.dtype} {shape}; a photo is uint8, height x width x 3", "Give its file.")
+    height, width = image.shape[:2]
+    _check_smallest(width, height, name)
+    return Photo(image, width, height, 1, None)
 
 
 def _formats() -> list[str]:
@@ -98,12 +117,16 @@ def _decode(image: Image.Image, path: Path) -> Photo:
     return Photo(np.asarray(rgb), width, height, orientation, focal)
 
 
-def _check_size(width: int, height: int, kind: str, path: Path) -> None:
+def _check_smallest(width: int, height: int, name: object) -> None:
     if min(width, height) < SMALLEST_SIDE:
         raise UserError(
-            f"{path} has {width}x{height} pixels; the shorter side must have at least {SMALLEST_SIDE}",
+            f"{name} has {width}x{height} pixels; the shorter side must have at least {SMALLEST_SIDE}",
             "Give a larger version of the photo.",
         )
+
+
+def _check_size(width: int, height: int, kind: str, path: Path) -> None:
+    _check_smallest(width, height, path)
     limit = LARGEST_FILE if kind in ("JPEG", "MPO") else LARGEST_WHOLE
     if width * height > limit:
         raise UserError(

@@ -14,73 +14,15 @@ from torch.optim import Optimizer
 from sextant.corruptions import Condition, CorruptionSuite
 from sextant.data.calibration.crop_batch import CropBatch
 from sextant.evaluation.calibration.errors import GRID, bearing_error
-from sextant.evaluation.calibration.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
-from sextant.evaluation.conformal import conformal_quantile
+from sextant.evaluation.calibration.picture_looks import picture_looks
 from sextant.evaluation.protocols import calibration_converged
-from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, vfov_from_focal
+from sextant.geometry import CameraParameters, Parameterization
 from sextant.losses import CameraLoss
 from sextant.losses.bearing import bearing_grid
 from sextant.models import CalibrationNet
+from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
 from sextant.tasks.step_losses import StepLosses
-
-#: share of validation images that look usual
-USUAL = 0.95
-
-
-@dataclass(frozen=True)
-class CalibrationSpec:
-    """What a trained network expects and may say: with the weights, all that prediction needs.
-
-    Attributes:
-        height: of its input in pixels.
-        width: of its input in pixels.
-        aspects: of the images it was trained on, before they were squashed to the input.
-        low: lower ends of the four ranges.
-        high: upper ends of the four ranges.
-        validation_crops: scores that the intervals rest on.
-        per_panorama: of them from each panorama.
-        median: tilt, roll, focal and k1 in the middle of the training distribution.
-        spread: half the width of the central 68 % of tilt, roll, vfov (radians) and k1_hat in training.
-    """
-
-    height: int
-    width: int
-    aspects: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    validation_crops: int
-    per_panorama: int
-    median: tuple[float, ...]
-    spread: tuple[float, ...]
-
-    def space(self, parameterization: Parameterization) -> ParameterSpace:
-        """The numbers that the network predicts, and their ranges."""
-        return ParameterSpace(parameterization, torch.tensor(self.low), torch.tensor(self.high))
-
-
-@dataclass(frozen=True)
-class CalibrationPrediction:
-    """Cameras that were predicted, with their uncertainty.
-
-    Attributes:
-        parameters: the cameras.
-        scale: expected absolute error of tilt, roll, vfov (radians) and k1_hat.
-        scores: ratios of error to expected error on the validation split, one column each.
-        per_panorama: validation crops of each panorama.
-        strangeness: how far the looks of each image are from those of the validation split, in units of the distance
-            that 95 % of such images stay below; 0 where that is not known. None if nothing was asked.
-    """
-
-    parameters: CameraParameters
-    scale: Float[Tensor, "b 4"]
-    scores: Float[Tensor, "n 4"]
-    per_panorama: int = 1
-    strangeness: Float[Tensor, "b"] | None = None
-
-    def quantile(self, level: float) -> Float[Tensor, "4"]:
-        """Multipliers of ``scale`` that make intervals which hold the truth in a share ``level`` of images."""
-        return conformal_quantile(self.scores, level, self.per_panorama)
 
 
 @dataclass(frozen=True)
@@ -100,13 +42,8 @@ class CalibrationResult:
     predictions: dict[str, CalibrationPrediction]
 
 
-def reported(camera: CameraParameters) -> Float[Tensor, "*b 4"]:
-    """What intervals are given for, whatever is predicted: tilt, roll, vfov (radians) and apparent distortion."""
-    return torch.stack([camera.tilt, camera.roll, vfov_from_focal(camera.focal), camera.k1 / camera.focal.square()], -1)
-
-
-class Calibration(pl.LightningModule):
-    """Trains a network to predict the camera of an image, with the uncertainty of each parameter.
+class Calibration(CameraNetwork, pl.LightningModule):
+    """Trains a :class:`~sextant.tasks.calibration.network.CameraNetwork`.
 
     Args:
         network: gives the four numbers along their ranges, and the expected errors.
@@ -121,10 +58,6 @@ class Calibration(pl.LightningModule):
     """
 
     monitor, monitor_mode = "val/bearing_deg", "min"
-    scores: Tensor
-    looks_mean: Tensor
-    looks_whitening: Tensor
-    looks_scores: Tensor
 
     def __init__(
         self,
@@ -139,15 +72,10 @@ class Calibration(pl.LightningModule):
         clip: float = 1.0,
         log_every: int = 50,
     ):
-        super().__init__()
-        self.network, self.spec, self.loss, self.suite = network, spec, loss, suite
-        self.parameterization, self.space = parameterization, spec.space(parameterization)
+        super().__init__(network, spec, parameterization)
+        self.loss, self.suite = loss, suite
         self.optimizer_factory, self.schedule, self.clip = optimizer, schedule, clip
         self.step_losses = StepLosses(log_every)
-        self.register_buffer("scores", torch.full((spec.validation_crops, 4), torch.inf))
-        self.register_buffer("looks_mean", torch.zeros(NUMBERS))
-        self.register_buffer("looks_whitening", torch.zeros(NUMBERS, NUMBERS))
-        self.register_buffer("looks_scores", torch.full((spec.validation_crops,), torch.inf))
         self.result: CalibrationResult | None = None
         self._validation: list[tuple[Tensor, ...]] = []
         self._test: dict[Condition, list[tuple[Tensor, Tensor]]] = {}
@@ -207,8 +135,7 @@ class Calibration(pl.LightningModule):
         columns = (torch.cat(column) for column in zip(*self._validation, strict=True))
         error, scores, bearing, beside, looks, panoramas = columns
         self._validation = []
-        self.scores.copy_(scores)
-        self._keep_looks(looks.cpu(), panoramas.cpu())
+        self.keep_validation(scores, looks.cpu(), panoramas.cpu())
         tilt, roll, vfov, k1_hat = error.median(0).values
         self.log_dict(
             {
@@ -221,17 +148,6 @@ class Calibration(pl.LightningModule):
             }
         )
 
-    def _keep_looks(self, looks: Tensor, panoramas: Tensor) -> None:
-        spread = LooksSpread.fit(looks)
-        self.looks_mean.copy_(spread.mean)
-        self.looks_whitening.copy_(spread.whitening)
-        self.looks_scores.copy_(own_distances(looks, panoramas))
-
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
-        for name in ("looks_mean", "looks_whitening", "looks_scores"):  # which runs of before do not have
-            state_dict.setdefault(prefix + name, getattr(self, name))
-        super()._load_from_state_dict(state_dict, prefix, *arguments)
-
     def converged(self, validation: dict[str, float]) -> bool:
         """Whether the run learnt at all, judged on the validation split by the rule in ``evaluation.protocols``."""
         return calibration_converged(validation["val/bearing_deg"], validation["val/bearing_deg_constant"])
@@ -242,23 +158,7 @@ class Calibration(pl.LightningModule):
         """Mean angle between predicted and true bearings over the image, degrees."""
         return torch.rad2deg(bearing_error(camera, truth, bearing_grid(GRID, aspect), self.parameterization))
 
-    # -- test and prediction -------------------------------------------------------------------------------------------
-
-    def forward(
-        self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]
-    ) -> tuple[CameraParameters, Float[Tensor, "b 4"]]:
-        """Cameras of images in [0, 1], and the expected absolute errors of what :func:`reported` gives."""
-        output = self.network(images, aspect)
-        return self.parameterization.decode(self.space.from_unit(output.unit)), output.log_scale.exp()
-
-    @torch.no_grad()
-    def predict(self, images: Tensor, aspect: Float[Tensor, "b"]) -> CalibrationPrediction:
-        """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``, and how strange these look."""
-        images = images.float() / 255
-        camera, scale = self(images, aspect)
-        usual = conformal_quantile(self.looks_scores, USUAL, self.spec.per_panorama)
-        distance = LooksSpread(self.looks_mean, self.looks_whitening).distance(picture_looks(images))
-        return CalibrationPrediction(camera, scale, self.scores, self.spec.per_panorama, distance / usual)
+    # -- test ----------------------------------------------------------------------------------------------------------
 
     def test_step(self, batch: CropBatch, batch_idx: int) -> None:
         """Predict a batch under every condition."""

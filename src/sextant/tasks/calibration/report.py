@@ -16,7 +16,8 @@ from sextant.evaluation.calibration.sparsification import sparsification
 from sextant.evaluation.calibration.summary import median_error, methods_table, summary
 from sextant.evaluation.conformal import TABLE_LEVELS, coverage
 from sextant.geometry import CameraParameters
-from sextant.tasks.calibration.module import Calibration, CalibrationPrediction, reported
+from sextant.tasks.calibration.module import Calibration
+from sextant.tasks.calibration.network import CalibrationPrediction, reported
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

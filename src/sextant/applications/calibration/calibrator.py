@@ -1,0 +1,169 @@
+"""Photos in, their cameras out, by a trained network."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, Self, overload
+
+from numpy import ndarray
+
+from sextant.applications.calibration.failures import FailedPhoto, FailedPhotosError
+from sextant.applications.calibration.finding import Finding
+from sextant.applications.calibration.inference import AnyPhoto, find_cameras
+from sextant.applications.calibration.one_camera import OneCamera, fuse_as_one_camera
+from sextant.applications.calibration.photo_camera import PhotoCamera
+from sextant.applications.calibration.priors import FocalPrior, check_prior, with_focal_prior
+from sextant.applications.calibration.reporting import photo_camera
+from sextant.errors import ArgumentError
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+from sextant.tasks.calibration.network import CameraNetwork
+from sextant.trained.camera_network import trained_camera_network
+from sextant.trained.content import read_trained
+
+
+class PhotoCalibrator:
+    """Calibrates photos with the network of a run of calibration.
+
+    The network sees the largest centred part of a photo that has an aspect it was trained on; what it finds is given in
+    pixels of the whole upright original. Photos are files of any kind and size, turned upright by EXIF, or upright
+    arrays of RGB bytes. One photo after the other is decoded, and only the small part that the network sees is kept: so
+    many are never in memory at once, and any iterable will do.
+
+    Where a focal length is known beforehand, or photos are of one camera, estimates are fused at fixed appearance: the
+    apparent distortion ``k1 / f²`` and the seen offset of the horizon stay, so that k1 and tilt follow the new focal
+    length.
+
+    >>> calibrator = PhotoCalibrator.load("outputs/runs/calibration/1a2b3c4d-s0")  # doctest: +SKIP
+    >>> camera = calibrator.calibrate("photo.jpg")  # doctest: +SKIP
+    >>> print(camera.focal_px, camera.interval_95.focal_px, camera.verdict)  # doctest: +SKIP
+
+    Args:
+        network: that was trained.
+    """
+
+    def __init__(self, network: CameraNetwork):
+        self.network = network.eval()
+
+    @classmethod
+    def load(cls, run: Path | str, outputs: Path | str | None = None, *, trust: bool = False) -> Self:
+        """The calibrator of a run.
+
+        Args:
+            run: an MLflow run id, a run directory or its name, or a checkpoint.
+            outputs: folder of runs; where runs are written unless given.
+            trust: build parts of the user's own that the checkpoint names.
+
+        Raises:
+            UserError: there is no such run, its file is damaged, or it is one of another task.
+        """
+        found = resolve_run(str(run), default_outputs() if outputs is None else Path(outputs).expanduser())
+        return cls.of(read_trained(found.checkpoint), found.checkpoint, trust=trust)
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any], checkpoint: Path, *, trust: bool = False) -> Self:
+        """The calibrator of a checkpoint that was read.
+
+        Raises:
+            UserError: as :meth:`load`.
+        """
+        return cls(trained_camera_network(content, checkpoint, trust=trust))
+
+    def calibrate(self, photo: AnyPhoto, *, focal_prior: FocalPrior = None) -> PhotoCamera:
+        """The camera of a photo.
+
+        Args:
+            photo: a file, or RGB bytes.
+            focal_prior: a focal length in pixels that is known beforehand; ``exif`` for what the file tells.
+
+        Raises:
+            UserError: the photo cannot be read, or what the network predicts is no camera.
+        """
+        (found,) = self._each([("the photo" if isinstance(photo, ndarray) else str(photo), photo)], focal_prior)
+        if isinstance(found, FailedPhoto):
+            raise found.error
+        return found
+
+    @overload
+    def calibrate_many(
+        self, photos: Iterable[AnyPhoto], *, focal_prior: FocalPrior = None, errors: Literal["raise"] = "raise"
+    ) -> list[PhotoCamera]: ...
+    @overload
+    def calibrate_many(
+        self, photos: Iterable[AnyPhoto], *, focal_prior: FocalPrior = None, errors: Literal["return"]
+    ) -> list[PhotoCamera | FailedPhoto]: ...
+    def calibrate_many(
+        self,
+        photos: Iterable[AnyPhoto],
+        *,
+        focal_prior: FocalPrior = None,
+        errors: Literal["raise", "return"] = "raise",
+    ) -> list[PhotoCamera] | list[PhotoCamera | FailedPhoto]:
+        """The cameras of photos, each calibrated by itself, in their order.
+
+        Args:
+            photos: files, or RGB bytes.
+            focal_prior: as for :meth:`calibrate`, of all.
+            errors: ``raise`` tries all photos, then raises if some failed; ``return`` has a :class:`FailedPhoto` in the
+                place of each that did.
+
+        Raises:
+            FailedPhotosError: photos failed; it names all of them.
+        """
+        found = list(self._each(_named(photos), focal_prior))
+        if errors != "return":
+            _raise_failed(found)
+        return found
+
+    def one_camera(
+        self,
+        photos: Iterable[AnyPhoto],
+        *,
+        focal_prior: FocalPrior = None,
+        errors: Literal["raise", "return"] = "raise",
+    ) -> OneCamera:
+        """The one camera of photos that were taken by one, with one lens setting.
+
+        Args:
+            photos: files, or RGB bytes, upright or not, of one shape; they may be scaled.
+            focal_prior: as for :meth:`calibrate`; in pixels only of photos of one size.
+            errors: ``raise`` tries all photos, then raises if some failed; ``return`` fuses the others.
+
+        Raises:
+            FailedPhotosError: photos failed, with ``errors="return"`` all of them.
+            UserError: they cannot be of one camera, or the network gives no intervals.
+        """
+        check_prior(focal_prior)
+        found = list(find_cameras(self.network, _named(photos)))
+        findings = [each for each in found if isinstance(each, Finding)]
+        if errors != "return" or not findings:
+            _raise_failed(found)
+        if not found:
+            raise ArgumentError("photos=[]: there is no photo of the camera", "Give at least one.")
+        fused, fusion, doubts = fuse_as_one_camera(findings, focal_prior)
+        cameras = (photo_camera(finding, self.network) for finding in fused)
+        all_photos = tuple(each if isinstance(each, FailedPhoto) else next(cameras) for each in found)
+        return OneCamera(all_photos, fusion, doubts)
+
+    def _each(
+        self, photos: Iterable[tuple[str, AnyPhoto]], focal_prior: FocalPrior
+    ) -> Iterator[PhotoCamera | FailedPhoto]:
+        check_prior(focal_prior)
+        for found in find_cameras(self.network, photos):
+            if isinstance(found, Finding):
+                yield photo_camera(with_focal_prior(found, focal_prior), self.network)
+            else:
+                yield found
+
+
+def _named(photos: Iterable[AnyPhoto]) -> Iterator[tuple[str, AnyPhoto]]:
+    if isinstance(photos, Path | str):
+        raise ArgumentError(
+            f"photos={photos} is one path; several photos are expected", f'For example Path("{photos}").glob("*.jpg")'
+        )
+    for i, photo in enumerate(photos):
+        yield f"photos[{i}]" if isinstance(photo, ndarray) else str(photo), photo
+
+
+def _raise_failed(found: Sequence[Finding | PhotoCamera | FailedPhoto]) -> None:
+    if failed := [each for each in found if isinstance(each, FailedPhoto)]:
+        raise FailedPhotosError.of(failed, len(found))

@@ -1,0 +1,170 @@
+"""The network of calibration with all that makes cameras with intervals of what it says; needs no Lightning."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sextant.errors import UserError
+from sextant.evaluation.calibration.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
+from sextant.evaluation.conformal import conformal_quantile
+from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, vfov_from_focal
+from sextant.models import CalibrationNet
+
+#: share of validation images that look usual
+USUAL = 0.95
+
+
+@dataclass(frozen=True)
+class CalibrationSpec:
+    """What a trained network expects and may say: with the weights, all that prediction needs.
+
+    Attributes:
+        height: of its input in pixels.
+        width: of its input in pixels.
+        aspects: of the images it was trained on, before they were squashed to the input.
+        low: lower ends of the four ranges.
+        high: upper ends of the four ranges.
+        validation_crops: scores that the intervals rest on.
+        per_panorama: of them from each panorama.
+        median: tilt, roll, focal and k1 in the middle of the training distribution.
+        spread: half the width of the central 68 % of tilt, roll, vfov (radians) and k1_hat in training.
+    """
+
+    height: int
+    width: int
+    aspects: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    validation_crops: int
+    per_panorama: int
+    median: tuple[float, ...]
+    spread: tuple[float, ...]
+
+    def space(self, parameterization: Parameterization) -> ParameterSpace:
+        """The numbers that the network predicts, and their ranges."""
+        return ParameterSpace(parameterization, torch.tensor(self.low), torch.tensor(self.high))
+
+
+@dataclass(frozen=True)
+class CalibrationPrediction:
+    """Cameras that were predicted, with their uncertainty.
+
+    Attributes:
+        parameters: the cameras.
+        scale: expected absolute error of tilt, roll, vfov (radians) and k1_hat.
+        scores: ratios of error to expected error on the validation split, one column each.
+        per_panorama: validation crops of each panorama.
+        strangeness: how far the looks of each image are from those of the validation split, in units of the distance
+            that 95 % of such images stay below; 0 where that is not known. None if nothing was asked.
+    """
+
+    parameters: CameraParameters
+    scale: Float[Tensor, "b 4"]
+    scores: Float[Tensor, "n 4"]
+    per_panorama: int = 1
+    strangeness: Float[Tensor, "b"] | None = None
+
+    def quantile(self, level: float) -> Float[Tensor, "4"]:
+        """Multipliers of ``scale`` that make intervals which hold the truth in a share ``level`` of images."""
+        return conformal_quantile(self.scores, level, self.per_panorama)
+
+
+def reported(camera: CameraParameters) -> Float[Tensor, "*b 4"]:
+    """What intervals are given for, whatever is predicted: tilt, roll, vfov (radians) and apparent distortion."""
+    return torch.stack([camera.tilt, camera.roll, vfov_from_focal(camera.focal), camera.k1 / camera.focal.square()], -1)
+
+
+class CameraNetwork(nn.Module):
+    """Predicts cameras of images, with the uncertainty of each parameter.
+
+    Args:
+        network: gives the four numbers along their ranges, and the expected errors.
+        spec: sizes and ranges.
+        parameterization: what the four numbers are.
+    """
+
+    scores: Tensor
+    looks_mean: Tensor
+    looks_whitening: Tensor
+    looks_scores: Tensor
+
+    def __init__(self, network: CalibrationNet, spec: CalibrationSpec, parameterization: Parameterization):
+        super().__init__()
+        self.network, self.spec = network, spec
+        self.parameterization, self.space = parameterization, spec.space(parameterization)
+        self.register_buffer("scores", torch.full((spec.validation_crops, 4), torch.inf))
+        self.register_buffer("looks_mean", torch.zeros(NUMBERS))
+        self.register_buffer("looks_whitening", torch.zeros(NUMBERS, NUMBERS))
+        self.register_buffer("looks_scores", torch.full((spec.validation_crops,), torch.inf))
+
+    def forward(
+        self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]
+    ) -> tuple[CameraParameters, Float[Tensor, "b 4"]]:
+        """Cameras of images in [0, 1], and the expected absolute errors of what :func:`reported` gives."""
+        output = self.network(images, aspect)
+        return self.parameterization.decode(self.space.from_unit(output.unit)), output.log_scale.exp()
+
+    @torch.no_grad()
+    def predict(self, images: Tensor, aspect: Float[Tensor, "b"]) -> CalibrationPrediction:
+        """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``, and how strange these look."""
+        images, aspect = images.to(self.scores.device).float() / 255, aspect.to(self.scores.device)
+        camera, scale = self(images, aspect)
+        usual = conformal_quantile(self.looks_scores, USUAL, self.spec.per_panorama)
+        distance = LooksSpread(self.looks_mean, self.looks_whitening).distance(picture_looks(images))
+        return CalibrationPrediction(camera, scale, self.scores, self.spec.per_panorama, distance / usual)
+
+    def position(self, camera: CameraParameters) -> Float[Tensor, "b 4"]:
+        """Where each of the four numbers of a camera lies along the range trained on: 0 to 1 inside it."""
+        return self.space.to_unit(self.parameterization.encode(camera))
+
+    def keep_validation(self, scores: Float[Tensor, "n 4"], looks: Float[Tensor, "n 16"], panoramas: Tensor) -> None:
+        """Keep what intervals and strangeness rest on.
+
+        Args:
+            scores: ratios of error to expected error on the validation split.
+            looks: of its images, by :func:`~sextant.evaluation.calibration.picture_looks.picture_looks`.
+            panoramas: that each was cut from.
+        """
+        spread = LooksSpread.fit(looks)
+        self.scores.copy_(scores)
+        self.looks_mean.copy_(spread.mean)
+        self.looks_whitening.copy_(spread.whitening)
+        self.looks_scores.copy_(own_distances(looks, panoramas))
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
+        for name in ("looks_mean", "looks_whitening", "looks_scores"):  # which runs of before do not have
+            state_dict.setdefault(prefix + name, getattr(self, name))
+        super()._load_from_state_dict(state_dict, prefix, *arguments)
+
+
+def network_parts(
+    raw: Mapping[str, Any], spec: Mapping[str, Any], build: Callable[..., Any]
+) -> tuple[CalibrationNet, CalibrationSpec, Parameterization]:
+    """The arguments of a :class:`CameraNetwork` with new weights.
+
+    Args:
+        raw: the config, as plain values.
+        spec: the fields of a :class:`CalibrationSpec`.
+        build: makes the part of a group of the config, with further arguments.
+
+    Raises:
+        UserError: a part cannot be built, or the inhibition does not fit the backbone.
+    """
+    task = raw["task"]
+    facts = CalibrationSpec(**{key: tuple(v) if isinstance(v, list) else v for key, v in spec.items()})
+    backbone = build(
+        "backbone",
+        in_channels=6 if task["coordinates"] else 3,
+        image_size=(facts.height, facts.width),
+        num_classes=task["features"],
+    )
+    try:
+        backbone = build("inhibition")(backbone)
+    except ValueError as error:
+        raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
+    network = CalibrationNet(backbone, task["features"], coordinates=task["coordinates"])
+    return network, facts, build("parameterization")
