@@ -8,9 +8,9 @@ from typing import Any
 
 _HERE = {
     "Classified": "sextant.applications.classification",
+    "FailedPhoto": "sextant.applications.failures",
+    "FailedPhotosError": "sextant.applications.failures",
     "ImageClassifier": "sextant.applications.classification",
-    "FailedPhoto": "sextant.applications.calibration.failures",
-    "FailedPhotosError": "sextant.applications.calibration.failures",
     "LocalizedPose": "sextant.applications.localization.localizer",
     "Localizer": "sextant.applications.localization.localizer",
     "OneCamera": "sextant.applications.calibration.one_camera",

@@ -6,13 +6,13 @@ from typing import Any, Literal, Self, overload
 
 from numpy import ndarray
 
-from sextant.applications.calibration.failures import FailedPhoto, FailedPhotosError
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.inference import AnyPhoto, find_cameras
 from sextant.applications.calibration.one_camera import OneCamera, fuse_as_one_camera
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, check_prior, with_focal_prior
 from sextant.applications.calibration.reporting import photo_camera
+from sextant.applications.failures import FailedPhoto, FailedPhotosError
 from sextant.errors import ArgumentError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
@@ -166,4 +166,6 @@ def _named(photos: Iterable[AnyPhoto]) -> Iterator[tuple[str, AnyPhoto]]:
 
 def _raise_failed(found: Sequence[Finding | PhotoCamera | FailedPhoto]) -> None:
     if failed := [each for each in found if isinstance(each, FailedPhoto)]:
-        raise FailedPhotosError.of(failed, len(found))
+        raise FailedPhotosError.of(
+            failed, len(found), "calibrated", 'give errors="return" for the cameras of the others.'
+        )

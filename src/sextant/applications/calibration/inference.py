@@ -12,8 +12,8 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.applications.calibration.failures import FailedPhoto
 from sextant.applications.calibration.finding import LEVELS, Finding
+from sextant.applications.failures import FailedPhoto
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters

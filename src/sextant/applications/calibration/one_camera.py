@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from sextant.applications.calibration.failures import FailedPhoto
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, disagreement, prior_of
+from sextant.applications.failures import FailedPhoto
 from sextant.errors import UserError
 from sextant.evaluation.calibration.fusion import Fusion, Prior, fuse, with_prior
 

@@ -10,8 +10,8 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.applications.calibration.failures import FailedPhoto
 from sextant.applications.calibration.photo_camera import PhotoCamera
+from sextant.applications.failures import FailedPhoto
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.file_names import file_stems

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from sextant.applications.calibration.calibrator import PhotoCalibrator
-from sextant.applications.calibration.failures import FailedPhoto, FailedPhotosError
 from sextant.applications.calibration.photo_camera import PhotoCamera
+from sextant.applications.failures import FailedPhoto, FailedPhotosError
 from sextant.cli.output_folder import make_output
 from sextant.cli.photo_calibration.collected_files import write_collected
 from sextant.cli.photo_calibration.options import CalibrationOptions

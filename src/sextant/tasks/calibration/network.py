@@ -155,7 +155,8 @@ def network_parts(
         UserError: a part cannot be built, or the inhibition does not fit the backbone.
     """
     task = raw["task"]
-    facts = CalibrationSpec(**{key: tuple(v) if isinstance(v, list) else v for key, v in spec.items()})
+    listed: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in spec.items()}
+    facts = CalibrationSpec(**listed)
     backbone = build(
         "backbone",
         in_channels=6 if task["coordinates"] else 3,
