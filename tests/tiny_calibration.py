@@ -3,7 +3,7 @@
 import torch
 from cli.photo_calibration.fakes import SPREAD
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
 from sextant.recipes import recipe_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION

@@ -25,6 +25,8 @@ NOT_RUN = {
     "load_store(": "needs a town, which takes minutes to render; smaller in tests/data/rendered",
     "town.renderer(look)": "renders for half a minute; smaller in tests/worlds",
 }
+#: what an example holds that trains
+SLOW = "sextant.sweep("
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +49,7 @@ def models(tmp_path_factory):
 def names(tmp_path, monkeypatch):
     """What the pages take for granted: names, and files in the working directory."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     drawn(tmp_path / "photo.jpg", (640, 480), glyphs=((310, 190),))
     for k in range(4):
@@ -62,7 +65,14 @@ def names(tmp_path, monkeypatch):
     }
 
 
-@pytest.mark.parametrize(("page", "block"), [each for each in BLOCKS if not any(text in each[1] for text in NOT_RUN)])
+@pytest.mark.parametrize(
+    ("page", "block"),
+    [
+        pytest.param(page, block, marks=[pytest.mark.slow] * (SLOW in block))
+        for page, block in BLOCKS
+        if not any(text in block for text in NOT_RUN)
+    ],
+)
 def test_an_example_runs_as_it_is_written(page, block, models, names):
     if page == "corruptions.md":
         names["images"] = torch.rand(4, 3, 32, 32)
