@@ -11,15 +11,15 @@ import torch
 from cli.cosfire_detection.drawn import drawn
 from cli.hostile_images import HostileFile, hostile_files
 from cli.photo_calibration.fakes import Fake
-from cli.test_predict_places import Pixels, scene, tolerance
 from fuzzing import fuzz
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tiny_places import Pixels, scene
 
 from sextant.applications import PhotoCalibrator
 from sextant.applications.detection.images import read_image
 from sextant.applications.localization.localizer import LocalizedPose
-from sextant.applications.places.run_facts import Temperature
+from sextant.applications.places.place_map import PlaceMap
 from sextant.cli import predict, predict_handler
 from sextant.cli.image_classification import predict as classifying
 from sextant.cli.photo_calibration.options import CalibrationOptions
@@ -98,7 +98,7 @@ def places(photos: Path, output: Path) -> Said:
     for k in range(3):
         scene(k).save(there / f"{k}.png")
     inputs = read_inputs({"map": str(there), "queries": str(photos), "output": str(output)})
-    rows = predict_places(Pixels(), inputs, Temperature(0.1, ""), tolerance(), {"run": "x"})
+    rows = predict_places(PlaceMap(Pixels()), inputs, {"run": "x"})
     return {row["query"]: row.get("error") for row in rows}
 
 

@@ -5,19 +5,20 @@ import json
 import shutil
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from scipy.ndimage import gaussian_filter
 from support import fill_disk
+from tiny_places import Pixels, ride, scene
 
 from sextant.applications.places import describing, matching
 from sextant.applications.places.matching import match
+from sextant.applications.places.place_map import PlaceMap
 from sextant.applications.places.run_facts import Temperature
+from sextant.applications.places.saved_map import TOLERANCES
 from sextant.atomic_files import write_sealed_json
 from sextant.cli import predict, predict_handler
 from sextant.cli.place_matching import gallery_pages
@@ -25,7 +26,7 @@ from sextant.cli.place_matching.inputs import read_inputs
 from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
 from sextant.cli.place_matching.predict import predict_places
 from sextant.composing.compose import compose, to_plain
-from sextant.data.places.decoded_images import ImageSize
+from sextant.data.places.tolerance import PlaceTolerance
 from sextant.errors import UserError
 from sextant.evaluation.places.positives import Positives
 from sextant.lifecycle.execute import execute
@@ -38,47 +39,13 @@ PLACES = {"train": 32, "val": 16, "test": 20}
 ENDS = ("positive=0", "negative=1")
 
 
-def scene(number, night=False):
-    """A smooth picture of one place; at night darker, with noise of its own."""
-    rng = np.random.default_rng(number)
-    picture = gaussian_filter(rng.normal(size=(32, 48, 3)), (3, 3, 0))
-    picture = 128 + 90 * picture / np.abs(picture).max()
-    if night:
-        picture = 0.6 * picture + np.random.default_rng(number + 10_000).normal(scale=8, size=picture.shape)
-    return Image.fromarray(picture.clip(0, 255).astype(np.uint8))
-
-
-def ride(folder, numbers, night=False, name="{k:03d}.png"):
-    folder.mkdir(parents=True, exist_ok=True)
-    for k, number in enumerate(numbers):
-        scene(number, night).save(folder / name.format(k=k, number=number))
-    return folder
-
-
-class Pixels:
-    """Describes photos by their pixels, so that what is right is known."""
-
-    size = ImageSize(16, 24)
-    model = "pixels"
-
-    def describe(self, images):
-        flat = images.reshape(len(images), -1).astype(np.float32)
-        return flat - flat.mean(axis=1, keepdims=True)
-
-
-def tolerance(**kinds):
-    fields = {"m": {"positive": 5.0, "negative": 25.0, "heading_deg": None}}
-    fields["frames"] = {"positive": 0.0, "negative": 1.0, "heading_deg": None}
-    fields |= {unit: fields[unit] | changed for unit, changed in kinds.items()}
-    return SimpleNamespace(**{u: SimpleNamespace(model_dump=lambda f=f: dict(f)) for u, f in fields.items()})
-
-
-def look_up(reference, queries, output, network=None, temperature=0.1, test_tolerance=None, **given):
+def look_up(reference, queries, output, network=None, temperature=0.1, tolerances=TOLERANCES, **given):
     """Match folders by pixels: the rows, and the content of matches.json."""
     arguments = {"map": str(reference), "queries": str(queries), "output": str(output)}
     inputs = read_inputs(arguments | {key: str(value) for key, value in given.items()})
     known = Temperature(temperature, "" if temperature else "none was fitted")
-    rows = predict_places(network or Pixels(), inputs, known, test_tolerance or tolerance(), {"run": "x"})
+    places = PlaceMap(network or Pixels(), temperature=known, tolerances=tolerances)
+    rows = predict_places(places, inputs, {"run": "x"})
     return rows, json.loads((output / "matches.json").read_text())
 
 
@@ -136,6 +103,28 @@ def test_it_says_what_the_test_of_the_run_says(trained, tmp_path, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "supposing that its place is in the map" in said
     assert f"best match right: {told['counts']['right']} of the {count} queries" in said
+
+
+def test_a_map_from_python_says_what_the_command_says(trained, tmp_path):
+    root, run = trained
+    out = tmp_path / "out"
+    given = [f"map={root}/test/day", f"queries={root}/test/night", f"output={out}", "descriptors=true"]
+    predict.main([f"run={run.path}", *given, "sequence=4"])
+    rows = json.loads((out / "matches.json").read_text())["results"]
+    new = PlaceMap.load(run.path)
+    new.add(root / "test" / "day")
+    photos = [root / "test" / "night" / row["query"] for row in rows]
+    for places in (new, PlaceMap.open(out / "map", run=run.path)):
+        for row, found in zip(rows, places.look_up_many(photos), strict=True):
+            assert [(root / "test" / "day" / each["match"]) for each in row["matches"]] == [
+                m.photo for m in found.matches
+            ]
+            for each, match_ in zip(row["matches"], found.matches, strict=True):
+                assert each["similarity"] == pytest.approx(match_.similarity, abs=1e-5)
+                assert each["confidence"] == pytest.approx(match_.confidence, abs=1e-5)
+            assert row["margin"] == pytest.approx(found.margin, abs=1e-5)
+        for row, found in zip(rows, places.look_up_sequence(photos, length=4), strict=True):
+            assert row["sequence_matches"][0]["match"] == found.best.photo.name
 
 
 def test_a_checkpoint_without_its_run_gives_similarities_only(trained, tmp_path, capsys):
@@ -285,7 +274,8 @@ def test_any_tolerance_is_one(rides, tmp_path):
 def test_headings_that_are_not_known_are_not_compared_and_that_is_said(tmp_path):
     name = "@{number}00@0@.png"
     day, night = ride(tmp_path / "day", range(3), name=name), ride(tmp_path / "night", range(3), True, name)
-    _, told = look_up(day, night, tmp_path / "o", places="utm", test_tolerance=tolerance(m={"heading_deg": 30.0}))
+    with_headings = TOLERANCES | {"m": PlaceTolerance("m", 5, 25, 30)}
+    _, told = look_up(day, night, tmp_path / "o", places="utm", tolerances=with_headings)
     assert told["counts"]["in_map"] == 3
     assert any("headings are not known" in remark for remark in told["remarks"])
 
@@ -490,7 +480,7 @@ def test_a_map_is_described_once_and_used_again_without_its_photos(rides, tmp_pa
     [
         ("model", "of another network"),
         ("decoder", "decodes photos otherwise"),
-        ("version", "not the header of descriptors of version 1"),
+        ("version", "has version 99; this program reads version 1"),
         ("photos", "lacks keys"),
         ("other names", "is not the one that map.json was written for"),
         ("descriptors", "is damaged"),

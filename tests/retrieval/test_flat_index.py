@@ -149,3 +149,17 @@ def test_a_folder_that_is_not_there_is_named(tmp_path):
 def test_names_must_be_as_many_as_descriptors():
     with pytest.raises(ValueError, match="a name for each of the 3 descriptors; got 2"):
         FlatIndex(rows(3), names=["a", "b"])
+
+
+def test_joined_indexes_find_what_one_of_all_rows_finds():
+    rows = np.random.default_rng(0).normal(size=(20, 6)).astype(np.float32)
+    whole = FlatIndex(rows, names=list(map(str, range(20))))
+    joined = FlatIndex.joined([FlatIndex(rows[:1]), FlatIndex(rows[1:12]), FlatIndex(rows[12:])], whole.names)
+    assert np.array_equal(joined.references.rows, whole.references.rows)
+    assert joined.names == whole.names
+    found, expected = joined.search(rows[:4], 5), whole.search(rows[:4], 5)
+    assert np.array_equal(found.indices, expected.indices)
+    assert np.array_equal(found.values, expected.values)
+    for parts in ([], [whole, FlatIndex(rows, "euclidean")], [whole, FlatIndex(rows[:, :3])]):
+        with pytest.raises(ValueError, match=r"similarity|dimension"):
+            FlatIndex.joined(parts)

@@ -13,9 +13,12 @@ _HERE = {
     "ImageClassifier": "sextant.applications.classification",
     "LocalizedPose": "sextant.applications.localization.localizer",
     "Localizer": "sextant.applications.localization.localizer",
+    "LookedUp": "sextant.applications.places.looked_up",
     "OneCamera": "sextant.applications.calibration.one_camera",
     "PhotoCalibrator": "sextant.applications.calibration.calibrator",
     "PhotoCamera": "sextant.applications.calibration.photo_camera",
+    "PlaceMap": "sextant.applications.places.place_map",
+    "PlaceMatch": "sextant.applications.places.looked_up",
 }
 __all__ = list(_HERE)
 

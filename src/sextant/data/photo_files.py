@@ -15,12 +15,12 @@ FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".avif", ".heic", ".heif")
 WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
 
 
-def find_photos(given: str, output: Path, key: str = "input") -> list[Path]:
+def find_photos(given: str, output: Path | None, key: str = "input") -> list[Path]:
     """The photo at a path, all below a folder, or those that a pattern matches, in order; never what this wrote.
 
     Args:
         given: path, folder or pattern.
-        output: folder that predictions are written to.
+        output: folder that predictions are written to, if there is one.
         key: of the argument, for messages.
 
     Raises:
@@ -33,13 +33,13 @@ def find_photos(given: str, output: Path, key: str = "input") -> list[Path]:
         candidates: Iterable[Path] = path.rglob("*")
     else:
         candidates = (Path(name) for name in glob.glob(str(path), recursive=True))
-    written = output.resolve()
+    written = None if output is None else output.resolve()
     found = sorted(
         p
         for p in candidates
         if p.suffix.lower() in FOUND_IN_FOLDERS
         and (p.is_file() or (p.is_symlink() and not p.exists()))  # a link to nothing is named by who reads it
-        and not (any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
+        and not (written and any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
     if not found:
         raise UserError(

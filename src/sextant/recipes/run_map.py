@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sextant.applications.localization.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
+from sextant.applications.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
 from sextant.applications.localization.localizer import Localizer
 from sextant.errors import UserError
 from sextant.localization.map_prior import MapPrior

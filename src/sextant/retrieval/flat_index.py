@@ -45,6 +45,20 @@ class FlatIndex:
     ):
         self._take(prepare_references(descriptors, similarity), names)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Self], names: Sequence[str] | None = None) -> Self:
+        """The rows of several indexes of one similarity, one after the other, as they are.
+
+        Raises:
+            ValueError: there are none, or their dimensions or similarities differ.
+        """
+        if len({part.similarity for part in parts}) != 1:
+            raise ValueError("need indexes of one similarity")
+        rows = np.concatenate([part.references.rows for part in parts])
+        index = cls.__new__(cls)
+        index._take(prepare_references(rows, parts[0].similarity, unit=True), names)
+        return index
+
     def _take(self, references: PreparedReferences, names: Sequence[str] | None) -> None:
         if names is not None and len(names) != len(references.rows):
             raise ValueError(f"need a name for each of the {len(references.rows)} descriptors; got {len(names)}")

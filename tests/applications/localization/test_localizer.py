@@ -11,13 +11,12 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 from tiny_office import office_run, pose_error
+from tiny_places import tiny_checkpoint
 
 import sextant
 from sextant import Localizer
-from sextant.applications.localization.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
+from sextant.applications.kept_descriptor import KeptDescriptor, kept_network, load_descriptor
 from sextant.baselines import Pixels
-from sextant.composing.compose import compose, to_plain
-from sextant.config import validate
 from sextant.errors import UserError
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION
 from sextant.localization.initialisation import GaussianStart, UniformStart
@@ -26,8 +25,6 @@ from sextant.localization.motion import IdentityMotion
 from sextant.localization.observers import Camera
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.tiled_map import TiledMapBuilder
-from sextant.recipes import recipe_of
-from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
 
 STEP = 0.5
 KERNEL = PoseKernel("rbf", (2.0, 2.0), 1.0, 0.008, 0.002)
@@ -340,20 +337,7 @@ def test_nothing_but_sextants_own_classes_is_made_of_what_a_file_names(corridor,
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    """A network of place recognition as its run would have written it; its weights are as they began."""
-    raw = to_plain(
-        compose(
-            ["task=place_recognition", "dataset=place_folders", "dataset.folder=x", "dataset.height=32",
-             "dataset.width=48", "pooling.grid=null", "task.dimension=32", "task.baselines=false"]
-        )
-    )  # fmt: skip
-    spec = {"height": 32, "width": 48, "channels": 3}
-    torch.manual_seed(0)
-    module = recipe_of("place_recognition").module(raw, spec, training=False)
-    path = tmp_path_factory.mktemp("network") / "last.ckpt"
-    label = {"schema_version": SCHEMA_VERSION, "config": raw, "spec": spec, "task": "place_recognition"}
-    torch.save({KEY: label, "state_dict": module.state_dict()}, path)
-    assert validate(raw)
+    path = tiny_checkpoint(tmp_path_factory.mktemp("network") / "last.ckpt")
     return SimpleNamespace(path=path, folder=path.parent)
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
+from sextant.applications.pixels import checked_pixels
 from sextant.data.image_folder import decode_square
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
@@ -136,12 +137,4 @@ class ImageClassifier:
                     f"Give arrays of bytes of {height}x{width} pixels.",
                 )
             image = decode_square(Path(image).expanduser(), height, channels)
-        pixels = np.asarray(image)
-        pixels = pixels[..., None] if pixels.ndim == 2 else pixels
-        if pixels.dtype != np.uint8 or pixels.shape != (height, width, channels):
-            raise UserError(
-                f"the image is {pixels.dtype} {'x'.join(map(str, pixels.shape))}; the network takes uint8 "
-                f"{height}x{width}x{channels}",
-                "Resize it, or give its file.",
-            )
-        return pixels
+        return checked_pixels(np.asarray(image), (height, width, channels))

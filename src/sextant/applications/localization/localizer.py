@@ -19,7 +19,7 @@ from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.applications.localization.kept_descriptor import Describes, KeptDescriptor
+from sextant.applications.kept_descriptor import Describes, KeptDescriptor
 from sextant.applications.localization.kept_filter import usual_filter
 from sextant.applications.localization.localizer_folder import described_map, open_localizer, save_localizer
 from sextant.errors import UserError

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 
-from sextant.applications.localization.kept_descriptor import (
+from sextant.applications.kept_descriptor import (
     Describes,
     KeptDescriptor,
     kept_baseline,

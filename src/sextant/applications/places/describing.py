@@ -1,49 +1,46 @@
-"""Photos as descriptors of a trained network; one that cannot be read is named, and the rest go on."""
+"""Photos as descriptors; one that cannot be read is named, and the rest go on."""
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int64, UInt8
+from jaxtyping import Float32, Float64, Int64, UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.applications.kept_descriptor import Describes
 from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.data import upright
 from sextant.data.places.decoded_images import ImageSize
 from sextant.data.places.image_files import UnreadableImageError, decode_image
-from sextant.data.unusable_files import nothing_usable
+from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
 
 BATCH = 64
 #: width over height, of the photo and as the network sees it: beyond this ratio a photo is named as stretched
 LARGEST_STRETCH = 1.4
-Progress = Callable[[int, int], None]
 
 
-class PlaceDescriber(Protocol):
-    """A trained network, as far as matching needs it.
+class Described(NamedTuple):
+    """What became of some photos, which are counted from 0.
 
     Attributes:
-        size: of its images.
-        model: what tells it from other networks.
+        rows: descriptors of those that could be described, in their order.
+        failed: why the others could not.
+        stretched: whose shape is far from that of the network's images.
     """
 
-    @property
-    def size(self) -> ImageSize: ...  # noqa: D102
-    @property
-    def model(self) -> str: ...  # noqa: D102
-
-    def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
-        """Descriptors of images of bytes."""
+    rows: Float32[ndarray, "n d"]
+    failed: Mapping[int, str]
+    stretched: tuple[int, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DescribedPhotos:
     """Photos of a folder with their descriptors.
 
@@ -52,12 +49,14 @@ class DescribedPhotos:
         index: descriptors of those that could be described, in the same order, with their names.
         failed: why the others could not, by name.
         stretched: names of photos whose shape is far from that of the network's images.
+        positions: of those that could be described, x and y in metres; nan where one is not known.
     """
 
     photos: PhotoFolder
     index: FlatIndex
     failed: Mapping[str, str]
     stretched: tuple[str, ...]
+    positions: Float64[ndarray, "n 2"] | None = None
 
     @property
     def rows(self) -> Int64[ndarray, "n"]:
@@ -69,69 +68,114 @@ class DescribedPhotos:
         """Names of the photos that have a descriptor."""
         return tuple(self.photos.names[i] for i in self.rows)
 
+    @property
+    def paths(self) -> list[Path]:
+        """Files of the photos that have a descriptor."""
+        return [self.photos.folder / name for name in self.names]
 
-def describe_photos(network: PlaceDescriber, photos: PhotoFolder, key: str, progress: Progress) -> DescribedPhotos:
-    """Describe all photos of a folder; they are decoded as images of training are, and stretched to the same size.
+
+def joined(parts: Sequence[DescribedPhotos]) -> DescribedPhotos:
+    """Photos of several folders as those of the folder around all."""
+    if len(parts) == 1:
+        return parts[0]
+    folders = [os.path.abspath(part.photos.folder) for part in parts]
+    folder = os.path.commonpath(folders)
+    within = [Path(os.path.relpath(each, folder)) for each in folders]
+
+    def named(names: Sequence[str], of: int) -> list[str]:
+        return [(within[of] / name).as_posix() for name in names]
+
+    each = list(enumerate(parts))
+    names = [name for i, part in each for name in named(part.names, i)]
+    places = [np.full((len(p.index), 2), np.nan) if p.positions is None else p.positions for p in parts]
+    return DescribedPhotos(
+        PhotoFolder(Path(folder), tuple(name for i, part in each for name in named(part.photos.names, i))),
+        FlatIndex.joined([part.index for part in parts], names),
+        {
+            name: why
+            for i, part in each
+            for name, why in zip(named(list(part.failed), i), part.failed.values(), strict=True)
+        },
+        tuple(name for i, part in each for name in named(part.stretched, i)),
+        None if all(part.positions is None for part in parts) else np.concatenate(places),
+    )
+
+
+def without_failed(described: DescribedPhotos, files: Set[Path]) -> DescribedPhotos:
+    """The same without those of some files that could not be described."""
+    again = {name for name in described.failed if (described.photos.folder / name).absolute() in files}
+    if not again:
+        return described
+    names = tuple(name for name in described.photos.names if name not in again)
+    failed = {name: why for name, why in described.failed.items() if name not in again}
+    return replace(described, photos=PhotoFolder(described.photos.folder, names), failed=failed)
+
+
+def describe(
+    describer: Describes,
+    size: ImageSize,
+    photos: Sequence[Path | UInt8[ndarray, "h w c"]],
+    progress: Advance = lambda done, total: None,
+) -> Described:
+    """Describe photos; files are decoded as images of training are, and stretched to the same size.
 
     Args:
-        network: gives the descriptors.
-        photos: the files.
-        key: of the argument that named them, for messages.
+        describer: gives the descriptors.
+        size: of the images that it takes.
+        photos: files, or bytes of that size.
         progress: called with the photos done and all.
-
-    Raises:
-        UserError: not one photo could be described.
     """
-    failed: dict[str, str] = {}
-    stretched: list[str] = []
+    failed: dict[int, str] = {}
+    stretched: list[int] = []
     parts: list[ndarray] = []
     done = 0
-    for names, images in _decoded(photos, network.size, failed, stretched):
-        if names:
-            found = network.describe(images)
+    for numbers, images in _decoded(photos, size, failed, stretched):
+        if numbers:
+            found = describer.describe(images)
             good = np.isfinite(found).all(axis=1)
             failed |= {
-                name: "the network gives no finite descriptor" for name, ok in zip(names, good, strict=True) if not ok
+                number: "the network gives no finite descriptor"
+                for number, ok in zip(numbers, good, strict=True)
+                if not ok
             }
             parts.append(found[good])
         done = min(done + BATCH, len(photos))
         progress(done, len(photos))
-    if len(failed) == len(photos):
-        raise nothing_usable(f"{key}={photos.folder}: none of {len(photos):,} photos can be used", failed)
-    kept = [name for name in photos.names if name not in failed]
-    return DescribedPhotos(photos, FlatIndex(np.concatenate(parts), names=kept), failed, tuple(stretched))
+    return Described(np.concatenate(parts) if parts else np.empty((0, 0), np.float32), failed, tuple(stretched))
 
 
 def _decoded(
-    photos: PhotoFolder, size: ImageSize, failed: dict[str, str], stretched: list[str]
-) -> Iterator[tuple[list[str], UInt8[ndarray, "b h w c"]]]:
-    """Names and images batch by batch; what cannot be decoded is put into ``failed``."""
+    photos: Sequence[Path | ndarray], size: ImageSize, failed: dict[int, str], stretched: list[int]
+) -> Iterator[tuple[list[int], UInt8[ndarray, "b h w c"]]]:
+    """Numbers and images batch by batch; what cannot be decoded is put into ``failed``."""
     aspect = size.width / size.height
 
-    def decode(name: str) -> tuple[ndarray | str, bool]:
-        path = photos.folder / name
+    def decode(photo: Path | ndarray) -> tuple[ndarray | str, bool]:
+        if isinstance(photo, ndarray):
+            return photo, False
+        if not photo.is_file():
+            return "there is no such file", False
         try:
-            image = decode_image(path, size.height, size.width, size.channels)
+            image = decode_image(photo, size.height, size.width, size.channels)
         except UnreadableImageError as error:
             return str(error), False
-        width, height = upright_size(path)
+        width, height = upright_size(photo)
         ratio = width / height / aspect
         return image, max(ratio, 1 / ratio) > LARGEST_STRETCH
 
     with warnings.catch_warnings(), ThreadPoolExecutor(os.cpu_count()) as pool:  # Pillow decodes outside the GIL
         warnings.simplefilter("ignore")  # Pillow warns of large images and odd metadata; its limit holds
         for start in range(0, len(photos), BATCH):
-            batch = photos.names[start : start + BATCH]
-            names, images = [], []
-            for name, (found, far) in zip(batch, pool.map(decode, batch), strict=True):
+            numbers, images = [], []
+            for number, (found, far) in enumerate(pool.map(decode, photos[start : start + BATCH]), start):
                 if isinstance(found, str):
-                    failed[name] = found
+                    failed[number] = found
                     continue
-                names.append(name)
+                numbers.append(number)
                 images.append(found)
                 if far:
-                    stretched.append(name)
-            yield names, np.stack(images) if images else np.empty((0,), np.uint8)
+                    stretched.append(number)
+            yield numbers, np.stack(images) if images else np.empty((0,), np.uint8)
 
 
 def upright_size(path: Path) -> tuple[int, int]:

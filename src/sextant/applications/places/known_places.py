@@ -1,7 +1,7 @@
 """Which map images show one place, and, where the truth is known, which of them show the place of a query."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
+from scipy.spatial import cKDTree
 
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.options import PlaceOptions
@@ -42,8 +43,31 @@ class KnownPlaces:
     remark: str = ""
 
 
+def same_place(described: DescribedPhotos, tolerance: float) -> Positives:
+    """Of each photo of a map the photos of its place, itself among them.
+
+    Args:
+        described: the map.
+        tolerance: largest distance of one place: in metres between positions; of a map without any, in photos of one
+            folder in the order of the map.
+    """
+    if described.positions is None:
+        frames = _ride_frames(described.photos.names)[described.rows]
+        return Positives.within_frames(frames, frames, math.floor(min(tolerance, BETWEEN_FOLDERS - 1)))
+    known = np.flatnonzero(~np.isnan(described.positions).any(axis=1))
+    near: list[Any] = [[i] for i in range(len(described.index))]
+    if len(known):
+        tree = cKDTree(described.positions[known])
+        for i, found in zip(known, tree.query_ball_tree(tree, tolerance), strict=True):
+            near[i] = known[found]
+    return Positives.from_lists(near, len(near))
+
+
 def known_places(
-    reference: DescribedPhotos, queries: DescribedPhotos, options: PlaceOptions, test_tolerance: Any
+    reference: DescribedPhotos,
+    queries: DescribedPhotos,
+    options: PlaceOptions,
+    tolerances: Mapping[Unit, PlaceTolerance],
 ) -> KnownPlaces:
     """What ``places=`` and ``tolerance=`` tell of the photos that have descriptors.
 
@@ -51,21 +75,21 @@ def known_places(
         reference: the map.
         queries: to be looked up.
         options: chosen by the user.
-        test_tolerance: of the run, by unit, for what the user left open.
+        tolerances: of the run's test, by unit, for what the user left open.
 
     Raises:
         UserError: the photos do not have what ``places=`` names: a table, names, equal numbers.
     """
     unit: Unit = "m" if options.places in ("csv", "utm") else "frames"
-    tolerance = PlaceTolerance(unit, **getattr(test_tolerance, unit).model_dump())
+    tolerance = tolerances[unit]
     chosen = 0.0 if options.tolerance is None and options.places == "none" else options.tolerance
     if chosen is not None:
         tolerance = replace(
             tolerance, positive=chosen, negative=max(tolerance.negative, math.nextafter(chosen, math.inf))
         )
     if options.places == "none":
-        frames = _ride_frames(reference.photos.names)[reference.rows]
-        return KnownPlaces(tolerance, Positives.within_frames(frames, frames, math.floor(tolerance.positive)), None)
+        along_the_ride = replace(reference, positions=None)
+        return KnownPlaces(tolerance, same_place(along_the_ride, tolerance.positive), None)
     images = _placed(reference.photos, queries.photos, options)
     remark = ""
     if images.heading_deg is None and tolerance.heading_deg is not None:

@@ -16,9 +16,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.special import logsumexp
 
-from sextant.applications.places.describing import Progress
 from sextant.errors import UserError
 from sextant.evaluation.places.positives import Positives
+from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex, Neighbours, SequenceMatches, match_sequences
 
 #: similarities that are held at a time: 16 MiB
@@ -52,7 +52,7 @@ def match(
     *,
     temperature: float | None,
     sequence: int | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Advance = lambda done, total: None,
 ) -> Matches:
     """Look every query up in the map.
 
@@ -111,7 +111,7 @@ def check_rides(reference: int, queries: int, length: int | None) -> None:
     """Raise a ``UserError`` if so many images are too many to be matched by sequences."""
     if length is not None and queries * reference > LARGEST_RIDES:
         raise UserError(
-            f"sequence={length} needs the similarities of all pairs, and {queries:,} queries x "
-            f"{reference:,} map images are more than {LARGEST_RIDES:,}",
-            "Give a part of the queries at a time, or leave sequence= out.",
+            f"sequences of {length} need the similarities of all pairs, and {queries:,} queries x {reference:,} map "
+            f"images are more than {LARGEST_RIDES:,}",
+            "Give a part of the queries at a time, or look up single photos.",
         )

@@ -1,7 +1,12 @@
 """The photos of a map or of queries; imports no torch."""
 
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+
+from sextant.data.photo_files import find_photos
+from sextant.errors import ArgumentError
 
 #: what a folder of descriptors has; see :mod:`~sextant.applications.places.saved_map`
 HEADER = "map.json"
@@ -26,3 +31,46 @@ class PhotoFolder:
     def paths(self) -> list[Path]:
         """The files."""
         return [self.folder / name for name in self.names]
+
+
+def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> PhotoFolder:
+    """Photos as those of one folder: the photo or folder that a path names, or files in the order given.
+
+    Raises:
+        ArgumentError: there are none.
+    """
+    if isinstance(photos, PhotoFolder):
+        return photos
+    if isinstance(photos, Path | str):
+        return photos_below(photos)
+    paths = [Path(os.path.abspath(Path(path).expanduser())) for path in photos]
+    if not paths:
+        raise ArgumentError("photos=[]: there is no photo", "Give files, or a folder of photos.")
+    folder = Path(os.path.commonpath([path.parent for path in paths]))
+    return PhotoFolder(folder, tuple(path.relative_to(folder).as_posix() for path in paths))
+
+
+def photos_below(
+    given: Path | str, key: str = "photos", output: Path | None = None, *, one: bool = True
+) -> PhotoFolder:
+    """The photos below a folder, or one photo where that is allowed.
+
+    Args:
+        given: folder or photo.
+        key: of the argument, for messages.
+        output: folder whose predictions are no photos.
+        one: allow one photo.
+
+    Raises:
+        ArgumentError: there is no such folder, or no photo in it.
+    """
+    path = Path(given).expanduser()
+    if path.is_file() and one:
+        return PhotoFolder(path.parent, (path.name,))
+    if not path.is_dir():
+        what = "is a file, not a folder" if path.is_file() else "there is no such folder"
+        raise ArgumentError(f"{key}={given}: {what}", f"Give a folder of photos: {key}=/path/to/photos")
+    from sextant.data.places.image_files import natural_key
+
+    names = [found.relative_to(path).as_posix() for found in find_photos(str(path), output, key)]
+    return PhotoFolder(path, tuple(sorted(names, key=natural_key)))

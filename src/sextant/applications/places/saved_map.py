@@ -1,76 +1,135 @@
-"""Descriptors of a folder of photos, kept so that they can be searched again without the photos.
+"""Descriptors of photos, kept so that they can be searched again without the photos.
 
 A folder holds a :class:`~sextant.retrieval.FlatIndex` (``descriptors.npy``, ``index.json``), and ``map.json``, which
 tells of which network and photos it is. The latter is written last, and has the hash of ``index.json`` and of itself.
 """
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.photo_folder import HEADER, PhotoFolder
-from sextant.atomic_files import read_json, seal_holds, write_sealed_json
+from sextant.applications.places.run_facts import Temperature
+from sextant.array_folder import FolderFormat, file_sha256
 from sextant.data.places.decoded_images import DECODER
-from sextant.data.source import file_sha256
+from sextant.data.places.tolerance import PlaceTolerance, Unit
 from sextant.errors import UserError
 from sextant.retrieval import flat_index
 from sextant.retrieval.flat_index import FlatIndex
 
-FORMAT, VERSION = "sextant.place_map", 1
+#: what counts as one place where no run tells
+TOLERANCES: dict[Unit, PlaceTolerance] = {"m": PlaceTolerance("m", 5, 25), "frames": PlaceTolerance("frames", 0, 1)}
+NO_TEMPERATURE = Temperature(None, "the map was saved without one")
+KIND = FolderFormat("a map of photos", "sextant.place_map", 1, HEADER)
 
 
-def save_map(described: DescribedPhotos, model: str, folder: Path) -> None:
+@dataclass(frozen=True)
+class MapFacts:
+    """What the header of a map tells beside its photos.
+
+    Attributes:
+        model: what tells the network from others.
+        descriptor: what describes photos is kept beside the map.
+        temperature: of the posterior over the map.
+        tolerance: largest distance of one place, if it was chosen.
+        tolerances: what counts as one place, by unit.
+    """
+
+    model: str
+    descriptor: bool = False
+    temperature: Temperature = NO_TEMPERATURE
+    tolerance: float | None = None
+    tolerances: Mapping[Unit, PlaceTolerance] = field(default_factory=lambda: TOLERANCES)
+
+
+def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
     """Write descriptors with the names of their photos; what was there is replaced.
 
     Raises:
         OSError: the disk is full, or the folder cannot be written to.
     """
     described.index.save(folder)
-    header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "model": model,
+    photos = {
         "decoder": DECODER,
         "folder": str(described.photos.folder.absolute()),
         "photos": list(described.photos.names),
         "failed": dict(described.failed),
         "stretched": list(described.stretched),
+        "positions": None if described.positions is None else described.positions.tolist(),  # nan becomes null
         "index_sha256": file_sha256(folder / flat_index.HEADER),
     }
-    write_sealed_json(folder / HEADER, header)
+    KIND.write_header(folder, {**asdict(facts), "temperature": facts.temperature._asdict(), **photos})
 
 
-def load_map(folder: Path, model: str) -> DescribedPhotos:
-    """Open saved descriptors; they are mapped into memory.
-
-    Args:
-        folder: that they were saved to.
-        model: of the network that describes the queries.
+def read_facts(folder: Path) -> MapFacts:
+    """What the header of a map tells beside its photos.
 
     Raises:
-        UserError: they are of another network, of a version of Sextant that decodes images otherwise, or damaged.
+        UserError: there is no map, or its header is damaged.
     """
-    header = read_json(folder / HEADER)
-    if not isinstance(header, dict) or header.get("format") != FORMAT or header.get("version") != VERSION:
-        raise _unusable(folder, f"{HEADER} is not the header of descriptors of version {VERSION}")
-    if not seal_holds(header):
-        raise _unusable(folder, f"{HEADER} was altered: it does not match its own hash")
-    if not _well_formed(header):
-        raise _unusable(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
-    if header["model"] != model:
-        raise _unusable(
-            folder,
-            f"they are of another network ({str(header['model'])[:12]}) than run= is ({model[:12]}), "
-            "and descriptors of two networks cannot be compared",
-        )
+    return _facts(_header(folder), folder)
+
+
+def load_map(folder: Path) -> tuple[DescribedPhotos, MapFacts]:
+    """Open saved descriptors, which are mapped into memory.
+
+    Raises:
+        UserError: they are of a version of Sextant that decodes images otherwise, or damaged.
+    """
+    header = _header(folder)
     if header["decoder"] != DECODER:
-        raise _unusable(folder, "they are of a version of Sextant that decodes photos otherwise")
+        raise UserError(
+            f"the map in {folder} is of a version of Sextant that decodes photos otherwise", "Add its photos anew."
+        )
     index = FlatIndex.load(folder)
     photos = PhotoFolder(Path(header["folder"]), tuple(header["photos"]))
-    found = DescribedPhotos(photos, index, header["failed"], tuple(header["stretched"]))
+    try:
+        positions = _positions(header.get("positions"), len(index))
+    except (ValueError, TypeError):
+        raise KIND.damaged(folder, f"{HEADER} does not have a position of each photo") from None
+    found = DescribedPhotos(photos, index, header["failed"], tuple(header["stretched"]), positions)
     if file_sha256(folder / flat_index.HEADER) != header["index_sha256"] or index.names != found.names:
-        raise _unusable(folder, f"{flat_index.HEADER} is not the one that {HEADER} was written for")
-    return found
+        raise KIND.damaged(folder, f"{flat_index.HEADER} is not the one that {HEADER} was written for")
+    return found, _facts(header, folder)
+
+
+def _header(folder: Path) -> dict[str, Any]:
+    header = KIND.read_header(folder)
+    if not _well_formed(header):
+        raise KIND.damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
+    return header
+
+
+def _facts(header: Mapping[str, Any], folder: Path) -> MapFacts:
+    if "temperature" not in header:  # from before it was kept
+        return MapFacts(header["model"])
+    try:
+        value, lacking, tolerance = *(header["temperature"][key] for key in ("value", "lacking")), header["tolerance"]
+        return MapFacts(
+            header["model"],
+            bool(header["descriptor"]),
+            Temperature(None if value is None else float(value), str(lacking)),
+            None if tolerance is None else float(tolerance),
+            {unit: PlaceTolerance(**header["tolerances"][unit]) for unit in TOLERANCES},
+        )
+    except (KeyError, TypeError, ValueError, UserError) as error:
+        raise KIND.damaged(folder, f"{HEADER} does not tell what a place is: {error!r}") from error
+
+
+def _positions(rows: Any, count: int) -> Float64[ndarray, "n 2"] | None:
+    """Positions by the header; None from before there were any."""
+    if rows is None:
+        return None
+    positions = np.array(rows, np.float64)  # null is nan
+    if positions.shape != (count, 2):
+        raise ValueError(f"{positions.shape} for {count} photos")
+    return positions
 
 
 def _well_formed(header: dict[str, Any]) -> bool:
@@ -81,10 +140,3 @@ def _well_formed(header: dict[str, Any]) -> bool:
     )
     failed = header.get("failed")
     return texts and lists and isinstance(failed, dict) and all(isinstance(why, str) for why in failed.values())
-
-
-def _unusable(folder: Path, why: str) -> UserError:
-    return UserError(
-        f"map={folder}: these descriptors cannot be used: {why}",
-        "Describe the map's photos anew: map=<folder of photos> descriptors=true",
-    )

@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from sextant.applications.places.describing import DescribedPhotos, Progress, upright_size
+from sextant.applications.places.describing import DescribedPhotos, upright_size
 from sextant.applications.places.known_places import KnownPlaces
 from sextant.cli.output_folder import telling_write_errors
 from sextant.data.places.image_files import decode_image
 from sextant.figures.places.retrieval_gallery import Retrieved, retrieval_gallery
 from sextant.figures.style import save_figure
+from sextant.reporter import Advance
 
 QUERIES, ON_A_PAGE = 40, 8
 MATCHES = 5
@@ -30,7 +31,7 @@ def write_gallery(
     queries: DescribedPhotos,
     places: KnownPlaces,
     output: Path,
-    progress: Progress,
+    progress: Advance,
 ) -> list[Path]:
     """Write ``matches_page1.png``, ...: up to 40 queries at even steps through all, each with five matches.
 

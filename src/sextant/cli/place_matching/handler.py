@@ -32,18 +32,12 @@ class PlaceMatching(Handler):
         trained = open_run(given)
         if trained.task != self.task:
             raise UserError(f"map= belongs to {self.task}; this is a model of {trained.task}", Handler.usage)
-        from sextant.applications.places.run_facts import run_facts, run_temperature
+        from sextant.applications.places.place_map import PlaceMap
+        from sextant.applications.places.run_facts import run_facts
         from sextant.cli.place_matching.predict import predict_places
-        from sextant.config.schema import PlaceRecognitionTask
-        from sextant.trained.content import own_config
-        from sextant.trained.place_network import trained_place_network
 
-        found = trained.found
-        _, config = own_config(trained.about, trust=trained.trust)
-        assert isinstance(config.task, PlaceRecognitionTask)
-        network = trained_place_network(trained.content, found.checkpoint, found.identity, trust=trained.trust)
-        facts = run_facts(trained.reference, found, network.model, trained.about)
-        predict_places(network, inputs, run_temperature(found), config.task.test_tolerance, facts)
+        places = PlaceMap.of(trained.content, trained.found, trust=trained.trust)
+        predict_places(places, inputs, run_facts(trained.reference, trained.found, places.model, trained.about))
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Refuse photos without a map."""

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.applications.places.options import PlaceOptions
-from sextant.applications.places.photo_folder import HEADER, PhotoFolder
+from sextant.applications.places.photo_folder import HEADER, PhotoFolder, photos_below
 from sextant.cli.place_matching.options import options_from
-from sextant.data.photo_files import find_photos
 from sextant.errors import UserError
 
 
@@ -37,29 +36,11 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
     options, output = options_from(given), Path(given.get("output", "matches")).expanduser()
     path = Path(given["map"]).expanduser()
     saved = (path / HEADER).is_file()
-    reference = path if saved else find_folder("map", given["map"], output)
-    queries = find_folder("queries", given["queries"], output, one=True)
+    reference = path if saved else photos_below(given["map"], "map", output, one=False)
+    queries = photos_below(given["queries"], "queries", output)
     if isinstance(reference, PhotoFolder):
         refuse_overlap(reference, queries)
     return PlaceInputs(reference, queries, output, options)
-
-
-def find_folder(key: str, given: str, output: Path, *, one: bool = False) -> PhotoFolder:
-    """The photos below a folder, or one photo where that is allowed.
-
-    Raises:
-        UserError: there is no such folder, or no photo in it.
-    """
-    path = Path(given).expanduser()
-    if path.is_file() and one:
-        return PhotoFolder(path.parent, (path.name,))
-    if not path.is_dir():
-        what = "is a file, not a folder" if path.is_file() else "there is no such folder"
-        raise UserError(f"{key}={given}: {what}", f"Give a folder of photos: {key}=/path/to/photos")
-    from sextant.data.places.image_files import natural_key
-
-    names = [found.relative_to(path).as_posix() for found in find_photos(given, output, key)]
-    return PhotoFolder(path, tuple(sorted(names, key=natural_key)))
 
 
 def refuse_overlap(photos: PhotoFolder, queries: PhotoFolder) -> None:

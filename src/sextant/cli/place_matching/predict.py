@@ -4,41 +4,30 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sextant.applications.places.describing import (
-    LARGEST_STRETCH,
-    DescribedPhotos,
-    PlaceDescriber,
-    describe_photos,
-)
+from sextant.applications.places.describing import LARGEST_STRETCH, DescribedPhotos
 from sextant.applications.places.known_places import KnownPlaces, check_truth, known_places
-from sextant.applications.places.matching import check_rides, match
+from sextant.applications.places.matching import check_rides
 from sextant.applications.places.options import PlaceOptions
 from sextant.applications.places.photo_folder import PhotoFolder
+from sextant.applications.places.place_map import PlaceMap
 from sextant.applications.places.rows import counts, query_rows
 from sextant.applications.places.run_facts import Temperature
-from sextant.applications.places.saved_map import load_map, save_map
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.place_matching import telling
 from sextant.cli.place_matching.gallery_pages import write_gallery
 from sextant.cli.place_matching.inputs import PlaceInputs, refuse_overlap
 from sextant.cli.place_matching.written_files import write_matches
 from sextant.cli.work_progress import work_progress
+from sextant.data.unusable_files import nothing_usable
+from sextant.errors import UserError
 
 
-def predict_places(
-    network: PlaceDescriber,
-    inputs: PlaceInputs,
-    temperature: Temperature,
-    test_tolerance: Any,
-    run: Mapping[str, Any],
-) -> list[dict[str, Any]]:
-    """Match places, write everything into ``output`` and tell it; a photo that fails is named and the rest go on.
+def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Match places, write everything into ``output`` and show it; a photo that fails is named and the rest go on.
 
     Args:
-        network: describes photos.
+        places: an empty map.
         inputs: see there.
-        temperature: of the posterior over the map.
-        test_tolerance: of one place in the run's test, by unit.
         run: facts of the run, for ``matches.json``.
 
     Raises:
@@ -46,67 +35,69 @@ def predict_places(
             another network, or the disk is full.
     """
     output, options = inputs.output, inputs.options
-    reference = _map(network, inputs)
-    with work_progress("describing queries", "photos") as progress:
-        queries = describe_photos(network, inputs.queries, "queries", progress)
-    if options.descriptors:
-        with telling_write_errors(output / "queries"):
-            save_map(queries, network.model, output / "queries")
-    places = known_places(reference, queries, options, test_tolerance)
-    k = min(options.matches, len(reference.index))
+    _fill(places, inputs)
+    asked = PlaceMap(places.descriptor, places.size)
+    _add(asked, "queries", inputs.queries, inputs)
+    reference, queries = places.described, asked.described
+    known = known_places(reference, queries, options, places.tolerances)
     with work_progress("looking up", "queries") as progress:
-        found = match(
-            reference.index,
-            queries.index,
-            places.same_place,
-            k,
-            temperature=temperature.value,
-            sequence=options.sequence,
-            progress=progress,
+        found = places.match(
+            queries.index, options.matches, sequence=options.sequence, same=known.same_place, progress=progress
         )
-    rows = query_rows(reference, queries, places, found)
+    rows = query_rows(reference, queries, known, found)
     counted = counts(rows)
     described = {"map": reference, "queries": queries}
-    remarks = _remarks(described, options, places, temperature, counted)
+    remarks = _remarks(described, options, known, places.temperature, counted)
     facts = {
         "run": run,
-        "temperature": temperature.value,
-        "matches": k,
+        "temperature": places.temperature.value,
+        "matches": found.neighbours.indices.shape[1],
         "sequence": options.sequence,
         "places": options.places,
-        "tolerance": places.tolerance.name,
+        "tolerance": known.tolerance.name,
         "counts": counted,
         "remarks": remarks,
         **{key: _photo_facts(photos) for key, photos in described.items()},
     }
     write_matches(rows, facts, output)
     with work_progress("drawing", "pages") as progress:
-        pages = write_gallery(rows, reference, queries, places, output, progress)
+        pages = write_gallery(rows, reference, queries, known, output, progress)
     kept = [path for path in (output / "map", output / "queries") if options.descriptors and path.is_dir()]
     telling.tell(rows, counted, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
     return rows
 
 
-def _map(network: PlaceDescriber, inputs: PlaceInputs) -> DescribedPhotos:
-    """The map's descriptors; those of photos are kept as soon as they are known, so that Ctrl-C costs little."""
+def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
+    """The photos of the map, or what was kept of them; what is wrong with all is reported before any is described."""
     if isinstance(inputs.reference, Path):
-        reference = load_map(inputs.reference, network.model)
-        refuse_overlap(reference.photos, inputs.queries)
-        _check(reference.photos, inputs)
-        return reference
-    _check(inputs.reference, inputs)
-    with work_progress("describing the map", "photos") as progress:
-        reference = describe_photos(network, inputs.reference, "map", progress)
-    if inputs.options.descriptors:
-        with telling_write_errors(inputs.output / "map"):
-            save_map(reference, network.model, inputs.output / "map")
-    return reference
-
-
-def _check(reference: PhotoFolder, inputs: PlaceInputs) -> None:
-    """Raise a ``UserError`` for what is wrong with the photos as a whole; to be told before they are described."""
+        try:
+            places.take(inputs.reference)
+        except UserError as error:
+            raise UserError(
+                f"map={inputs.reference}: {error.problem}",
+                "Describe the map's photos anew: map=<folder of photos> descriptors=true",
+            ) from None
+        refuse_overlap(places.described.photos, inputs.queries)
+    reference = places.described.photos if isinstance(inputs.reference, Path) else inputs.reference
     check_truth(reference, inputs.queries, inputs.options)
     check_rides(len(reference), len(inputs.queries), inputs.options.sequence)
+    if isinstance(inputs.reference, PhotoFolder):
+        _add(places, "map", inputs.reference, inputs)
+
+
+def _add(places: PlaceMap, key: str, photos: PhotoFolder, inputs: PlaceInputs) -> None:
+    """Describe photos, and keep that as soon as it is known, so that Ctrl-C costs little."""
+    with work_progress(f"describing {'the map' if key == 'map' else key}", "photos") as progress:
+        failed = places.add(photos, errors="return", progress=progress)
+    if not len(places):
+        named = {
+            Path(each.name).relative_to(photos.folder).as_posix(): each.error.problem.removeprefix(f"{each.name}: ")
+            for each in failed
+        }
+        raise nothing_usable(f"{key}={photos.folder}: none of {len(photos):,} photos can be used", named)
+    if inputs.options.descriptors:
+        with telling_write_errors(inputs.output / key):
+            places.save(inputs.output / key, descriptor=False)
 
 
 def _remarks(

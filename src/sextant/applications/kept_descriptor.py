@@ -58,6 +58,12 @@ class KeptDescriptor:
         """Changes when descriptors would."""
         return _identity(self.facts, self._packed())
 
+    @property
+    def model(self) -> str:
+        """What tells it from those whose vectors cannot be compared with its: of a network, its checkpoint's hash."""
+        own = self.facts.get("checkpoint_sha256") or getattr(self.describer, "model", None)
+        return str(own or (type(self.describer).__qualname__ if self.facts["kind"] == "none" else self.identity))
+
     def _packed(self) -> bytes:
         from safetensors.torch import save
 
@@ -92,15 +98,20 @@ def kept_baseline(descriptor: Describes) -> KeptDescriptor:
     return KeptDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
 
 
-def kept_network(checkpoint: Path, *, trust: bool = False) -> KeptDescriptor:
+def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, trust: bool = False) -> KeptDescriptor:
     """The network of a run of place recognition.
+
+    Args:
+        checkpoint: its file.
+        content: of the file, if it was read.
+        trust: build parts of the user's own that the checkpoint names.
 
     Raises:
         UserError: the checkpoint cannot be read or is of another task, or needs code of the user's own.
     """
     from sextant.runs.checkpoint import KEY, load_checkpoint
 
-    content = load_checkpoint(checkpoint)
+    content = load_checkpoint(checkpoint) if content is None else content
     trained = {key: content[KEY][key] for key in ("config", "spec", "task")}
     sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
     return _network(

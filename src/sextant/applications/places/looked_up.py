@@ -1,0 +1,91 @@
+"""What is found when a photo is looked up in a map."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxtyping import Float, Int64
+from numpy import ndarray
+
+from sextant.applications.places.describing import DescribedPhotos
+from sextant.applications.places.matching import Matches
+
+
+@dataclass(frozen=True)
+class PlaceMatch:
+    """A photo of a map, as a match of another photo.
+
+    Attributes:
+        photo: its file, which may be gone since it was added.
+        similarity: cosine of the two descriptors, in [-1, 1]; by sequences, the mean along the best line.
+        confidence: probability in [0, 1] that it shows the same place, supposing that the place is in the map; None
+            without a temperature, and by sequences.
+        position: x and y in metres; None if it is not known.
+    """
+
+    photo: Path
+    similarity: float
+    confidence: float | None = None
+    position: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class LookedUp:
+    """What is found of a photo.
+
+    Attributes:
+        name: its file, or the place of its array among those given.
+        matches: the photos of the map that fit best, the best first.
+        margin: similarity of the best match over the best photo of another place, from 0 on; None if the map has no
+            other place, and by sequences.
+        stretched: the photo has another shape than the network's images, and was stretched by a factor above 1.4.
+    """
+
+    name: str
+    matches: tuple[PlaceMatch, ...]
+    margin: float | None = None
+    stretched: bool = False
+
+    @property
+    def best(self) -> PlaceMatch:
+        """The match that fits best."""
+        return self.matches[0]
+
+
+def looked_up(
+    names: Sequence[str], stretched: Sequence[bool], reference: DescribedPhotos, found: Matches
+) -> list[LookedUp]:
+    """What was found of each photo: by sequences, if they were matched so, or else by itself."""
+    files = reference.paths
+
+    def listed(
+        indices: Int64[ndarray, "k"], values: Float[ndarray, "k"], confidence: Float[ndarray, "k"] | None
+    ) -> tuple[PlaceMatch, ...]:
+        sure = [None] * len(indices) if confidence is None else [float(p) for p in confidence]
+        return tuple(
+            PlaceMatch(files[j], float(value), p, _position(reference, int(j)))
+            for j, value, p in zip(indices, values, sure, strict=True)
+        )
+
+    if (sequences := found.sequences) is not None:
+        return [
+            LookedUp(name, listed(sequences.indices[i], sequences.scores[i], None), None, stretched[i])
+            for i, name in enumerate(names)
+        ]
+    best, sure = found.neighbours, found.confidence
+    return [
+        LookedUp(
+            name,
+            listed(best.indices[i], best.values[i], None if sure is None else sure[i]),
+            None if found.margin[i] != found.margin[i] else float(found.margin[i]),
+            stretched[i],
+        )
+        for i, name in enumerate(names)
+    ]
+
+
+def _position(reference: DescribedPhotos, number: int) -> tuple[float, float] | None:
+    if reference.positions is None:
+        return None
+    x, y = reference.positions[number].tolist()
+    return None if x != x or y != y else (x, y)

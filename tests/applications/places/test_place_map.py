@@ -1,0 +1,370 @@
+"""A map of photos from Python: filled, saved, opened and asked."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from test_imports import HEAVY
+from tiny_places import Pixels, ride, scene, tiny_checkpoint
+
+import sextant
+from sextant import PlaceMap
+from sextant.applications import FailedPhoto, FailedPhotosError
+from sextant.applications.places.run_facts import Temperature
+from sextant.atomic_files import write_sealed_json
+from sextant.baselines import Hog, WhitenedPCA
+from sextant.baselines import Pixels as PixelBaseline
+from sextant.baselines.network_layer import NetworkLayer
+from sextant.data.places.decoded_images import ImageSize
+from sextant.errors import ArgumentError, UserError
+from sextant.runs.checkpoint import KEY
+
+SURE = Temperature(0.1)
+
+
+@pytest.fixture
+def rides(tmp_path):
+    return ride(tmp_path / "day", range(6)), ride(tmp_path / "night", range(6), night=True)
+
+
+@pytest.fixture
+def places(rides):
+    """Six places by day."""
+    found = PlaceMap(Pixels(), temperature=SURE)
+    found.add(rides[0])
+    return found
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    return tiny_checkpoint(tmp_path_factory.mktemp("network") / "last.ckpt")
+
+
+def cosine(first, second):
+    a, b = (image.astype(float).ravel() - image.mean() for image in (first, second))
+    return a @ b / np.linalg.norm(a) / np.linalg.norm(b)
+
+
+def pixels(number, night=False):
+    return np.asarray(scene(number, night).resize((24, 16), 1, reducing_gap=3.0))
+
+
+# --- looking up ------------------------------------------------------------------------------------------------------
+
+
+def test_each_place_is_found_with_similarity_margin_and_confidence(rides, places, capfd):
+    assert len(places) == 6
+    for k in range(6):
+        found = places.look_up(rides[1] / f"{k:03d}.png", k=6)
+        assert found.best.photo == rides[0] / f"{k:03d}.png"
+        assert found.name == str(rides[1] / f"{k:03d}.png")
+        similar = [each.similarity for each in found.matches]
+        expected = sorted((cosine(pixels(k, True), pixels(j)) for j in range(6)), reverse=True)
+        assert similar == pytest.approx(expected, abs=1e-5)
+        assert found.margin == pytest.approx(similar[0] - similar[1], abs=1e-6)
+        weights = np.exp(np.array(similar) / SURE.value)
+        assert [each.confidence for each in found.matches] == pytest.approx(weights / weights.sum(), abs=1e-6)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_array_is_found_as_its_file_is(rides, places):
+    by_array, by_file = places.look_up_many([pixels(2, True), str(rides[1] / "002.png")])
+    assert by_array.matches == by_file.matches
+    assert (by_array.name, by_array.stretched) == ("photo 0", False)
+
+
+def test_of_a_small_map_there_are_no_more_matches_than_photos(rides, places):
+    assert len(places.look_up(rides[1] / "000.png", k=50).matches) == 6
+    alone = PlaceMap(Pixels())
+    alone.add(rides[0] / "000.png")
+    found = alone.look_up(rides[1] / "000.png")
+    assert (len(found.matches), found.margin, found.best.confidence, found.best.position) == (1, None, None, None)
+
+
+def test_a_photo_of_another_shape_is_known_as_stretched(rides, places):
+    scene(1, True).resize((30, 90)).save(rides[1] / "tall.png")
+    assert places.look_up(rides[1] / "tall.png").stretched
+    assert not places.look_up(rides[1] / "001.png").stretched
+
+
+def test_sequences_find_what_single_photos_miss(tmp_path):
+    day, night = ride(tmp_path / "day", range(12)), ride(tmp_path / "night", range(12), night=True)
+    scene(3).save(night / "008.png")  # one photo that looks like another place
+    places = PlaceMap(Pixels(), temperature=SURE)
+    places.add(day)
+    photos = sorted(night.iterdir())
+    assert places.look_up(photos[8]).best.photo.name == "003.png"
+    found = places.look_up_sequence(photos, length=5)
+    assert [each.best.photo.name for each in found] == [path.name for path in photos]
+    assert {(each.best.confidence, each.margin) for each in found} == {(None, None)}
+    (night / "004.png").write_bytes(b"nothing")
+    with pytest.raises(
+        FailedPhotosError, match=r"1 of 12 photos could not be looked up\n.*004\.png: cannot be decoded"
+    ):
+        places.look_up_sequence(photos, length=5)
+    rest = places.look_up_sequence(photos, length=5, errors="return")
+    assert isinstance(rest[4], FailedPhoto)
+    assert rest[8].best.photo.name == "008.png"
+
+
+# --- what one place is -----------------------------------------------------------------------------------------------
+
+
+def test_photos_at_near_positions_share_their_confidence(rides, tmp_path):
+    places = PlaceMap(Pixels(), temperature=Temperature(1.0))
+    places.add(rides[0], [(0, 0), (3, 0), (6, 0), (100, 0), (np.nan, np.nan), (np.nan, np.nan)])
+    photo = rides[1] / "001.png"
+
+    def confidence(tolerance):
+        places.tolerance = tolerance
+        return {each.photo.name: each.confidence for each in places.look_up(photo, k=6).matches}
+
+    alone = confidence(0)
+    assert sum(alone.values()) == pytest.approx(1)
+    near = {
+        "000.png": (0, 1),
+        "001.png": (0, 1, 2),
+        "002.png": (1, 2),
+        "003.png": (3,),
+        "004.png": (4,),
+        "005.png": (5,),
+    }
+    together = {name: sum(alone[f"{j:03d}.png"] for j in near[name]) for name in alone}
+    for tolerance in (3, None):  # None: that of the run, or 5 m
+        assert confidence(tolerance) == pytest.approx(together)
+    assert places.look_up(photo).best.position == (3.0, 0.0)
+    found = {each.photo.name: each.position for each in places.look_up(photo, k=6).matches}
+    assert found["004.png"] is None
+    places.save(tmp_path / "map")
+    again = PlaceMap.open(tmp_path / "map", descriptor=Pixels())
+    assert again.look_up(photo, k=6).best.position == (3.0, 0.0)
+
+
+def test_photos_of_a_ride_share_their_confidence_if_so_wished(rides, places):
+    alone = {each.photo.name: each.confidence for each in places.look_up(rides[1] / "001.png", k=6).matches}
+    places.tolerance = 1
+    found = {each.photo.name: each.confidence for each in places.look_up(rides[1] / "001.png", k=6).matches}
+    assert found["001.png"] == pytest.approx(sum(alone[f"00{j}.png"] for j in (0, 1, 2)))
+
+
+# --- adding ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_map_may_grow_photo_by_photo_and_from_several_folders(rides, places, tmp_path):
+    second = ride(tmp_path / "elsewhere" / "more", range(6, 9))
+    grown = PlaceMap(Pixels(), temperature=SURE)
+    for path in sorted(rides[0].iterdir()):
+        grown.add(path)
+        assert grown.look_up(path).best.photo == path
+    for found in (grown, places):
+        found.add(sorted(second.iterdir()), np.arange(6).reshape(3, 2))
+    assert [grown.look_up(rides[1] / f"{k:03d}.png", k=9) for k in range(6)] == [
+        places.look_up(rides[1] / f"{k:03d}.png", k=9) for k in range(6)
+    ]
+    best = places.look_up(np.asarray(scene(7, True).resize((24, 16)))).best
+    assert (best.photo, best.position) == (second / "001.png", (2.0, 3.0))
+    assert places.look_up(rides[1] / "001.png").best.position is None
+
+
+def test_photos_that_fail_are_named_and_the_others_are_in_the_map(rides):
+    places, bad = PlaceMap(Pixels()), (rides[0] / "001.png", rides[0] / "004.png")
+    good = [path.read_bytes() for path in bad]
+    for path in bad:
+        path.write_bytes(b"nothing")
+    with pytest.raises(FailedPhotosError, match="2 of 6 photos could not be described") as raised:
+        places.add(rides[0])
+    assert [each.name for each in raised.value.failed] == [str(path) for path in bad]
+    assert all(f"{path}: cannot be decoded (7 bytes)" in raised.value.problem for path in bad)
+    assert "the others are in the map" in raised.value.fix
+    assert len(places) == 4
+    assert places.look_up(rides[1] / "005.png").best.photo.name == "005.png"
+    bad[0].write_bytes(good[0])
+    (failed,) = places.add(bad, errors="return")
+    assert failed.name == str(bad[1])
+    assert len(places) == 5
+    assert places.look_up(rides[1] / "001.png").best.photo == bad[0]
+    with pytest.raises(FailedPhotosError, match="none of 1 photos could be described"):
+        places.add(bad[1])
+    assert len(places) == 5
+
+
+def test_photos_that_cannot_be_looked_up(rides, places):
+    (rides[1] / "001.png").write_bytes(b"nothing")
+    photos = [rides[1] / "000.png", rides[1] / "001.png", "gone.jpg"]
+    with pytest.raises(UserError, match=r"001\.png: cannot be decoded \(7 bytes\)"):
+        places.look_up(photos[1])
+    with pytest.raises(UserError, match=r"gone\.jpg: there is no such file"):
+        places.look_up(photos[2])
+    with pytest.raises(FailedPhotosError, match="2 of 3 photos could not be looked up"):
+        places.look_up_many(photos)
+    found = places.look_up_many(photos, errors="return")
+    assert [isinstance(each, FailedPhoto) for each in found] == [False, True, True]
+    assert found[0].best.photo.name == "000.png"
+    assert all(isinstance(each, FailedPhoto) for each in places.look_up_many(photos[1:], errors="return"))
+
+
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda places, day: PlaceMap(Pixels()).look_up(day / "000.png"), "the map is empty"),
+        (lambda places, day: PlaceMap(Pixels()).save(day), "the map is empty"),
+        (lambda places, day: places.add(day), r"photos: .*000\.png is in the map already"),
+        (lambda places, day: places.add([day / "x.png", day / "x.png"]), r"x\.png is in the map already"),
+        (lambda places, day: places.add([]), "there is no photo"),
+        (lambda places, day: places.add(day / "none"), "photos=.*there is no such folder"),
+        (lambda places, day: places.add(day, [(0, 0)]), r"positions has shape \(1, 2\) for 6 photos"),
+        (lambda places, day: places.look_up(day / "000.png", k=0), "k=0 must be at least 1"),
+        (lambda places, day: places.look_up_sequence([day / "000.png"], length=1), "length=1 must be at least 2"),
+        (
+            lambda places, day: places.look_up(np.zeros((16, 24), np.uint8)),
+            "uint8 16x24x1; the network takes uint8 16x24x3",
+        ),
+        (lambda places, day: places.look_up(np.zeros((16, 24, 3))), "float64 16x24x3"),
+        (lambda places, day: PlaceMap(lambda images: images), "size=None: this descriptor does not tell"),
+    ],
+)
+def test_mistakes(rides, places, ask, says):
+    with pytest.raises(UserError, match=says):
+        ask(places, rides[0])
+
+
+# --- saving ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "descriptor", [PixelBaseline(16, 24), Hog(32, 48), "fitted"], ids=["pixels", "hog", "whitened"]
+)
+def test_a_saved_map_opens_by_itself_and_answers_as_before(rides, tmp_path, descriptor):
+    if descriptor == "fitted":
+        descriptor = WhitenedPCA(16, 24, 4).fit(np.stack([pixels(k) for k in range(6)]))
+    places = PlaceMap(descriptor, temperature=SURE)
+    places.tolerance = 2.0
+    places.add(rides[0])
+    places.save(tmp_path / "map")
+    shutil.rmtree(rides[0])
+    shutil.move(tmp_path / "map", tmp_path / "moved")
+    again = PlaceMap.open(tmp_path / "moved")
+    photos = sorted(rides[1].iterdir())
+    assert again.look_up_many(photos) == places.look_up_many(photos)
+    assert (again.temperature, again.tolerance, again.tolerances) == (SURE, 2.0, places.tolerances)
+    again.add(ride(tmp_path / "more", [7]))
+    again.save(tmp_path / "moved")
+    assert len(PlaceMap.open(tmp_path / "moved")) == 7
+
+
+def test_a_network_goes_with_the_map_and_a_run_opens_what_was_saved_without(rides, checkpoint, tmp_path):
+    other = shutil.copy(checkpoint, tmp_path / "other.ckpt")
+    places = PlaceMap.load(other)
+    assert places.temperature.value is None
+    places.add(rides[0])
+    places.save(tmp_path / "whole")
+    places.save(tmp_path / "bare", descriptor=False)
+    assert {path.name for path in (tmp_path / "bare").iterdir()} == {"map.json", "index.json", "descriptors.npy"}
+    other.unlink()
+    photos = sorted(rides[1].iterdir())
+    found = places.look_up_many(photos)
+    assert PlaceMap.open(tmp_path / "whole").look_up_many(photos) == found
+    assert PlaceMap.open(tmp_path / "bare", run=checkpoint).look_up_many(photos) == found
+    with pytest.raises(UserError, match=r"saved without what describes photos\nName the run"):
+        PlaceMap.open(tmp_path / "bare")
+    content = torch.load(checkpoint, weights_only=True)
+    content["state_dict"] = {name: tensor + 1 for name, tensor in content["state_dict"].items()}
+    torch.save(content, tmp_path / "other.ckpt")
+    for folder in ("bare", "whole"):
+        with pytest.raises(UserError, match="is of another network"):
+            PlaceMap.open(tmp_path / folder, run=tmp_path / "other.ckpt")
+
+
+def test_a_map_of_before_positions_and_temperatures_were_kept(rides, checkpoint, tmp_path):
+    places = PlaceMap.load(checkpoint)
+    places.add(rides[0])
+    places.save(tmp_path / "map", descriptor=False)
+    header = json.loads((tmp_path / "map" / "map.json").read_text())
+    new = {"descriptor", "temperature", "tolerance", "tolerances", "positions"}
+    write_sealed_json(tmp_path / "map" / "map.json", {key: header[key] for key in header if key not in new})
+    again = PlaceMap.open(tmp_path / "map", run=checkpoint)
+    assert again.look_up(rides[1] / "002.png") == places.look_up(rides[1] / "002.png")
+
+
+def test_a_descriptor_that_cannot_be_kept_is_given_again(rides, tmp_path):
+    layer = NetworkLayer(torch.nn.Conv2d(3, 4, 3), 16, 24, grid=(2, 3))
+    places = PlaceMap(layer, ImageSize(16, 24))
+    places.add(rides[0])
+    places.save(tmp_path)
+    with pytest.raises(UserError, match="without what describes photos"):
+        PlaceMap.open(tmp_path)
+    again = PlaceMap.open(tmp_path, descriptor=layer)
+    assert again.look_up(rides[1] / "003.png").matches == places.look_up(rides[1] / "003.png").matches
+    with pytest.raises(UserError, match="is of another network"):
+        PlaceMap.open(tmp_path, descriptor=PixelBaseline(16, 24))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["map.json", "index.json", "descriptors.npy", "descriptor/descriptor.json", "descriptor/descriptor.safetensors"],
+)
+@pytest.mark.parametrize("harm", ["missing", "cut", "changed"])
+def test_a_damaged_map_is_refused(rides, tmp_path, name, harm):
+    descriptor = WhitenedPCA(16, 24, 4).fit(np.stack([pixels(k) for k in range(6)]))
+    places = PlaceMap(descriptor)
+    places.add(rides[0])
+    places.save(tmp_path / "map")
+    path = tmp_path / "map" / name
+    content = bytearray(path.read_bytes())
+    if harm == "missing":
+        path.unlink()
+    elif harm == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    else:
+        content[-len(content) // 3] ^= 1
+        path.write_bytes(content)
+    with pytest.raises(UserError, match=r"damaged|is not|cannot be read"):
+        PlaceMap.open(tmp_path / "map")
+
+
+@pytest.mark.parametrize(
+    "change", [{"temperature": 3}, {"tolerances": {}}, {"positions": [[1, 2]]}, {"tolerance": "x"}]
+)
+def test_a_header_of_values_that_are_none_is_refused(rides, places, tmp_path, change):
+    places.save(tmp_path)
+    header = json.loads((tmp_path / "map.json").read_text())
+    write_sealed_json(tmp_path / "map.json", header | change)
+    with pytest.raises(UserError, match=r"is damaged: map\.json does not"):
+        PlaceMap.open(tmp_path, descriptor=Pixels())
+
+
+# --- from a run ------------------------------------------------------------------------------------------------------
+
+
+def test_models_of_other_tasks_are_refused(checkpoint, tmp_path):
+    content = torch.load(checkpoint, weights_only=True)
+    content[KEY]["task"] = "calibration"
+    torch.save(content, tmp_path / "other.ckpt")
+    with pytest.raises(UserError, match=r"other\.ckpt is a model of calibration, not of place_recognition"):
+        PlaceMap.load(tmp_path / "other.ckpt")
+
+
+def test_it_needs_neither_hydra_nor_lightning_nor_mlflow_and_prints_nothing(rides, checkpoint, tmp_path):
+    program = f"""
+import sys
+from sextant import PlaceMap
+places = PlaceMap.load(sys.argv[1])
+places.add(sys.argv[2])
+places.save(sys.argv[4])
+found = PlaceMap.open(sys.argv[4]).look_up(sys.argv[3])
+assert len(found.matches) == 5
+heavy = [name for name in {HEAVY} if name in sys.modules]
+assert not heavy, heavy
+"""
+    given = map(str, [checkpoint, rides[0], rides[1] / "000.png", tmp_path / "map"])
+    done = subprocess.run([sys.executable, "-c", program, *given], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_it_is_where_users_look_for_it():
+    assert sextant.PlaceMap is PlaceMap
+    assert issubclass(ArgumentError, UserError)
