@@ -5,7 +5,7 @@ from PIL import Image
 from support import as_published
 from torch import nn
 
-from sextant.applications import ImageClassifier
+from sextant.applications import FailedPhoto, FailedPhotosError, ImageClassifier
 from sextant.data.source import ImageSpec
 from sextant.errors import UserError
 from sextant.models import ResNetCifar
@@ -59,6 +59,19 @@ def test_many_images_are_classified_as_each_alone(classifier):
 def test_what_does_not_fit_is_named(classifier, image, told):
     with pytest.raises(UserError, match=told):
         classifier.classify(image)
+
+
+def test_images_that_fail_among_many_are_named_and_the_others_are_not_lost(classifier, tmp_path):
+    Image.fromarray(np.full((40, 60, 3), 255, np.uint8)).save(tmp_path / "photo.png")
+    images = ["gone.jpg", tmp_path / "photo.png", np.zeros((8, 8, 3), np.uint8)]
+    with pytest.raises(FailedPhotosError, match="2 of 3 photos could not be classified") as raised:
+        classifier.classify_many(images)
+    assert [each.name for each in raised.value.failed] == ["gone.jpg", "image 2"]
+    first, found, last = classifier.classify_many(iter(images), errors="return")
+    assert found.label == "bright"
+    assert "no such file" in first.error.problem
+    assert "uint8 8x8x3" in last.error.problem
+    assert all(isinstance(each, FailedPhoto) for each in classifier.classify_many(images[:1], errors="return"))
 
 
 def test_answers_that_are_no_numbers_are_refused(classifier):

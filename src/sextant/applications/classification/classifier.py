@@ -1,9 +1,10 @@
 """A trained classifier: images in, probabilities of classes out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 import torch
@@ -11,6 +12,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
+from sextant.applications.failures import FailedPhoto, FailedPhotosError
 from sextant.applications.pixels import checked_pixels
 from sextant.data.image_folder import decode_square
 from sextant.data.source import ImageSpec
@@ -24,6 +26,7 @@ from sextant.trained.networks import trained_network
 
 #: images that are classified at a time
 BATCH = 256
+AnyImage = Path | str | UInt8[ndarray, "h w *c"]
 
 
 @dataclass(frozen=True)
@@ -91,25 +94,56 @@ class ImageClassifier:
         raw, _ = own_config(trained, trust=trust)
         return cls(trained_network(raw, content, checkpoint), image_spec(trained["spec"]), str(checkpoint))
 
-    def classify(self, image: Path | str | UInt8[ndarray, "h w *c"]) -> Classified:
-        """What an image shows; see :meth:`classify_many`."""
-        return self.classify_many([image])[0]
+    def classify(self, image: AnyImage) -> Classified:
+        """What an image shows.
 
-    def classify_many(self, images: Sequence[Path | str | UInt8[ndarray, "h w *c"]]) -> list[Classified]:
-        """What each of some images shows.
+        Args:
+            image: a file or an array, as for :meth:`classify_many`.
+
+        Raises:
+            UserError: it cannot be read or has another shape, or the network answers with what is no number.
+        """
+        (found,) = self.classify_many([image], errors="return")
+        if isinstance(found, FailedPhoto):
+            raise found.error
+        return found
+
+    @overload
+    def classify_many(self, images: Iterable[AnyImage], *, errors: Literal["raise"] = "raise") -> list[Classified]: ...
+    @overload
+    def classify_many(
+        self, images: Iterable[AnyImage], *, errors: Literal["return"]
+    ) -> list[Classified | FailedPhoto]: ...
+    def classify_many(
+        self, images: Iterable[AnyImage], *, errors: Literal["raise", "return"] = "raise"
+    ) -> list[Classified] | list[Classified | FailedPhoto]:
+        """What each of some images shows, in their order.
 
         Args:
             images: files of any kind and size, which are turned upright, scaled to cover the network's images and
                 cropped at the centre; or arrays of bytes that have the size of the network's images.
+            errors: ``raise`` tries all images, then raises if some failed; ``return`` has a
+                :class:`~sextant.applications.FailedPhoto` in the place of each that did.
 
         Raises:
-            UserError: a file cannot be read, an array has another shape, or the network answers with what is no number.
+            FailedPhotosError: files cannot be read, or arrays have another shape; it names all of them.
+            UserError: the network answers with what is no number.
         """
-        found: list[Classified] = []
-        for start in range(0, len(images), BATCH):
-            stacked = np.stack([self._pixels(image) for image in images[start : start + BATCH]])
-            rows = self.probabilities(torch.from_numpy(stacked.transpose(0, 3, 1, 2).copy()))
-            found += [Classified(dict(zip(self.spec.classes, row, strict=True))) for row in rows.tolist()]
+        given = iter(enumerate(images))
+        found: list[Classified | FailedPhoto] = []
+        while batch := [self._tried(i, image) for i, image in islice(given, BATCH)]:
+            pixels = [each for each in batch if isinstance(each, ndarray)]
+            stacked = np.stack(pixels).transpose(0, 3, 1, 2).copy() if pixels else None
+            rows = iter([] if stacked is None else self.probabilities(torch.from_numpy(stacked)).tolist())
+            found += [
+                each
+                if isinstance(each, FailedPhoto)
+                else Classified(dict(zip(self.spec.classes, next(rows), strict=True)))
+                for each in batch
+            ]
+        failed = [each for each in found if isinstance(each, FailedPhoto)]
+        if failed and errors != "return":
+            raise FailedPhotosError.of(failed, len(found), "classified", 'give errors="return" for the others.')
         return found
 
     @torch.no_grad()
@@ -128,7 +162,13 @@ class ImageClassifier:
             )
         return found
 
-    def _pixels(self, image: Path | str | ndarray) -> UInt8[ndarray, "h w c"]:
+    def _tried(self, number: int, image: AnyImage) -> UInt8[ndarray, "h w c"] | FailedPhoto:
+        try:
+            return self._pixels(image)
+        except UserError as error:
+            return FailedPhoto(str(image) if isinstance(image, Path | str) else f"image {number}", error)
+
+    def _pixels(self, image: AnyImage) -> UInt8[ndarray, "h w c"]:
         height, width, channels = self.spec.height, self.spec.width, self.spec.channels
         if isinstance(image, Path | str):
             if height != width:
