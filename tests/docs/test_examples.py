@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import tiny_places
 import torch
 from cli.cosfire_detection.drawn import drawn
 from docs_commands import PAGES, ROOT
@@ -42,6 +43,7 @@ def models(tmp_path_factory):
         "outputs/runs/calibration/<run>": tiny_checkpoint(folder / "calibration" / "last.ckpt"),
         "outputs/runs/classification/<run>": as_published(ResNetCifar(3, (32, 32), 10), folder / "model.pth.tar"),
         "outputs/runs/localization/<run>": folder / "map",
+        "outputs/runs/place_recognition/<run>": tiny_places.tiny_checkpoint(folder / "places" / "last.ckpt"),
     }
 
 
@@ -55,6 +57,8 @@ def names(tmp_path, monkeypatch):
     for k in range(4):
         drawn(tmp_path / "photos" / f"{k}.png", (640, 480), glyphs=((100 + 90 * k, 150),))
     (tmp_path / "photos" / "broken.jpg").write_bytes(b"")
+    for light in ("day", "night"):
+        tiny_places.ride(tmp_path / light, range(12), night=light == "night")
     image = np.zeros((12, 16, 3), np.uint8)
     return {
         "images": torch.rand(4, 1, 48, 64),
