@@ -70,7 +70,7 @@ class FolderFormat:
         if header.get("version") != self.version:
             raise UserError(
                 f"{path} has version {header.get('version')!r}; this program reads version {self.version}",
-                f"Build the {self.noun} anew from its images.",
+                f"Rebuild the {self.noun} from its images.",
             )
         if not seal_holds(header):
             raise self.damaged(folder, f"{path} was altered: it does not match its own hash")
@@ -103,7 +103,7 @@ class FolderFormat:
     def damaged(self, folder: Path, how: str) -> UserError:
         """What to raise of a folder that was one once."""
         return UserError(
-            f"the {self.noun} in {folder} is damaged: {how}", "Build it anew from its images, or copy it again."
+            f"the {self.noun} in {folder} is damaged: {how}", "Rebuild it from its images, or copy it again."
         )
 
 

@@ -133,7 +133,7 @@ def test_the_price_with_most_right_answers_is_chosen_and_of_equals_the_lowest():
 
 def test_without_validation_images_there_is_no_choice():
     features, labels = clusters(1, 30, 4, 3)
-    with pytest.raises(ValueError, match="one price and one scaling"):
+    with pytest.raises(ValueError, match="a single C and a single scaling"):
         LinearSVM.choose((features, labels), (features[:0], labels[:0]), 3, (0.3, 3.0))
 
 

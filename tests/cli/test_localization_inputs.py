@@ -106,7 +106,7 @@ def replaced(old, new):
 def test_images_of_the_map_at_one_pose(folder, told):
     change(folder, "map", "poses", replaced("004.png,4.0", "004.png,3.0"))
     said = told(arguments(folder))
-    assert "dataset.map: 1 of 30 images have the very pose of another" in said
+    assert "dataset.map: 1 of 30 images have the same pose as another" in said
     assert "004.png = 003.png" in said
     assert "dataset.skip_bad=true" in said
 
@@ -344,4 +344,4 @@ def test_a_horizon_longer_than_the_drive_works_and_is_noted(folder):
 def test_a_fault_beyond_the_run(folder, told):
     said = told(arguments(folder, "fault=blackout", "fault.length=500"))
     assert "fault.length=500 from frame 8 on: run has 15 frames" in said
-    assert "at the most" in said
+    assert "at most" in said

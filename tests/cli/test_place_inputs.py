@@ -110,7 +110,7 @@ def utm_names(folder, heading=lambda n: "90"):
 def test_rides_of_different_lengths(folder, told):
     (folder / "test" / "night" / "2.png").unlink()
     said = told("dataset.places=order")
-    assert "dataset.test: dataset.places=order takes the i-th images" in said
+    assert "dataset.test: dataset.places=order treats the i-th images" in said
     assert "day: 6 images" in said
     assert "night: 5 images" in said
     assert "dataset.places=name" in said
@@ -161,7 +161,7 @@ def test_names_that_tell_no_pose(folder, told):
     utm_names(folder)
     path = next((folder / "test" / "night").glob("@0.0@*"))
     path.rename(path.with_name("@east@100.0@.png"))
-    assert "dataset.test.night: 1 of 6 names tell no pose\n  @east@100.0@.png" in told("dataset.places=utm")
+    assert "dataset.test.night: 1 of 6 names contain no pose\n  @east@100.0@.png" in told("dataset.places=utm")
 
 
 def test_headings_that_some_names_lack(folder, told):
@@ -179,12 +179,12 @@ def test_headings_that_some_names_lack(folder, told):
 def test_equal_files_within_a_split_and_across(folder, told):
     (folder / "test" / "night" / "3.png").write_bytes((folder / "test" / "day" / "1.png").read_bytes())
     said = told("dataset.places=order")
-    assert "dataset.test: 1 files are the same as another\n  test/day/1.png = test/night/3.png" in said
+    assert "dataset.test: 1 files are duplicates of another\n  test/day/1.png = test/night/3.png" in said
     (folder / "test" / "night" / "3.png").write_bytes((folder / "train" / "day" / "1.png").read_bytes())
     assert "  train/day/1.png = test/night/3.png" in told("dataset.places=order")
     (folder / "test" / "night" / "3.png").unlink()
     (folder / "test" / "night" / "4.jpg").write_bytes((folder / "test" / "night" / "4.png").read_bytes())
-    assert "two frames of one name: 4.jpg and 4.png" in told("dataset.places=name")
+    assert "two frames of the same name: 4.jpg and 4.png" in told("dataset.places=name")
 
 
 @pytest.mark.parametrize("split", SPLITS)

@@ -441,7 +441,11 @@ def test_nothing_heavy_is_imported_for_a_mistake(rides, tmp_path):
 
 @pytest.mark.parametrize(
     ("places", "says"),
-    [("csv", "neither map=.*has a table poses.csv"), ("utm", "6 of 6 names tell no pose"), ("order", "takes the i-th")],
+    [
+        ("csv", "neither map=.*has a table poses.csv"),
+        ("utm", "6 of 6 names contain no pose"),
+        ("order", "takes the i-th"),
+    ],
 )
 def test_a_truth_that_is_not_there(rides, tmp_path, places, says):
     (rides[1] / "005.png").unlink()

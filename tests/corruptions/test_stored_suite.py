@@ -81,7 +81,7 @@ def test_images_that_do_not_fit_the_dataset(folder):
     suite = StoredSuite(folder, names=NAMES)
     with pytest.raises(UserError, match="holds images of 3x16x16, the dataset 3x32x32"):
         suite.corrupt(torch.zeros(1, 3, 32, 32), torch.tensor([0]), Condition("fog", 1))
-    with pytest.raises(UserError, match="10 images a severity"):
+    with pytest.raises(UserError, match="10 images per severity"):
         suite.corrupt(CLEAN[:1], torch.tensor([10]), Condition("fog", 1))
 
 

@@ -198,7 +198,7 @@ def near_opencv(**changes):
         ({"matrix": {(0, 0): -500.0, (1, 1): -500.0}}, "focal is a positive"),
         ({"distortion": {2: 1e-3}}, "distortion coefficient p1 must be 0, got 0.001"),
         ({"distortion": {4: 0.1}}, "distortion coefficient k3"),
-        ({"distortion": {0: -2.0, 1: 0.0}}, "folds the picture over"),
+        ({"distortion": {0: -2.0, 1: 0.0}}, "folds the image over"),
     ],
 )
 def test_what_no_camera_here_can_be_is_refused(changes, says):

@@ -176,7 +176,7 @@ def test_what_cannot_be_a_map_is_refused(tmp_path):
         finish(builder, neighbours=141)
     builder.add(POSES[30:31] + torch.tensor([0, 0, 4 * torch.pi], dtype=torch.float64), DESCRIPTORS[:1])
     builder.add(torch.tensor([[1.0, -0.0, 0.5], [1.0, 0.0, 0.5]], dtype=torch.float64), DESCRIPTORS[:2])
-    with pytest.raises(UserError, match=r"1 images have a pose that another one has too .* images 141 and 142"):
+    with pytest.raises(UserError, match=r"1 images share a pose with another .* images 141 and 142"):
         finish(builder)
 
 
@@ -185,10 +185,10 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path):
     with pytest.raises(UserError, match="is damaged"):
         TiledMapBuilder(tmp_path)
     (tmp_path / "building.json").write_text(json.dumps({"format": "other"}))
-    with pytest.raises(UserError, match="not of a map in the making"):
+    with pytest.raises(UserError, match="does not hold a map being built"):
         TiledMapBuilder(tmp_path)
     (tmp_path / HEADER).write_text("{}")
-    with pytest.raises(UserError, match="holds a map already"):
+    with pytest.raises(UserError, match="already holds a map"):
         TiledMapBuilder(tmp_path)
 
 

@@ -57,7 +57,7 @@ def test_what_is_wrong_is_named():
         OrientedCNN(3, (72, 96), 4, widths=(10,), strides=(1,))
     with pytest.raises(ValueError, match="strides"):
         OrientedCNN(3, (72, 96), 4, widths=(8, 8), strides=(1,))
-    with pytest.raises(ValueError, match="in colour"):
+    with pytest.raises(ValueError, match="colour images"):
         OrientedCNN(1, (72, 96), 4)
     with pytest.raises(ValueError, match="too small"):
         OrientedCNN(3, (28, 28), 4)

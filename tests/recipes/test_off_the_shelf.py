@@ -94,8 +94,8 @@ class Malicious:
         ({"weights": "none"}, r"task\.off_the_shelf\.weights=none: no run, run directory or checkpoint"),
         ({"weights": "FILE", "network": "squeezenet1_0"}, r"task\.off_the_shelf\.weights=.*cannot be loaded"),
         ({"weights": "FILE", "network": "squeezenet9"}, r"off_the_shelf\.network='squeezenet9' is not"),
-        ({"weights": "FILE", "network": "squeezenet1_1", "layer": "conv"}, r"off_the_shelf: layer='conv' is no layer"),
-        ({"weights": "FILE", "network": "squeezenet1_1", "layer": "classifier.9"}, "is no layer of SqueezeNet"),
+        ({"weights": "FILE", "network": "squeezenet1_1", "layer": "conv"}, r"off_the_shelf: layer='conv' is not a"),
+        ({"weights": "FILE", "network": "squeezenet1_1", "layer": "classifier.9"}, "is not a layer of SqueezeNet"),
         ({"weights": "BAD", "network": "squeezenet1_1"}, "cannot be loaded"),
         ({"weights": "BAD"}, r"task\.off_the_shelf: .*BAD.* is not a plain checkpoint|cannot be read"),
     ],
@@ -113,7 +113,7 @@ def test_mistakes_name_the_key(squeezenet, tmp_path, shelf, said):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ("{weights: imagenet}", "of which network"),
+        ("{weights: imagenet}", "needs a network"),
         ("{network: alexnet}", r"task\.off_the_shelf\.weights is missing"),
         ("{weights: x, grid: [0, 2]}", r"task\.off_the_shelf\.grid"),
         ("{weights: x, layers: y}", r"task\.off_the_shelf\.layers: unknown key.*layer"),

@@ -10,20 +10,20 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 
 Scaling = Literal["all", "each", "unit"]
-#: checkpoints keep their numbers: new ones come last
+#: checkpoints store their indices: new ones come last
 SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
-#: of the dual problem
+#: of the dual problem's solver
 TOLERANCE = 0.01
-#: so many times fewer images than features are looked at in the span of the images
+#: with this many times fewer images than features the SVM is fitted in the span of the images
 FEWER = 2
 
 
 @dataclass(frozen=True)
 class LinearSVM:
-    """Scores ``x @ weights.T + bias``, the largest of which wins; with scaling ``unit`` of x brought to length 1.
+    """Scores ``x @ weights.T + bias``, the largest of which wins; with scaling ``unit`` of x scaled to norm 1.
 
     Attributes:
-        c: the price of an error that it was fitted with.
+        c: the C that it was fitted with, the weight of an error.
         scaling: of the features.
     """
 
@@ -44,17 +44,17 @@ class LinearSVM:
     ) -> "LinearSVM":
         """Fit to ``labels`` in [0, count); classes of which there is no image never win.
 
-        Features are brought to mean 0 and images to a mean squared length of 1 first, and the weights take that in:
-        errors then cost the same whatever the features' unit and number.
+        Features are first centred and images scaled to a mean squared norm of 1, which the weights absorb: C then
+        means the same whatever the features' unit and number.
 
         Args:
             features, labels: of images.
             count: of classes.
-            c: price of an error.
-            seed: of the order in which images are gone through.
-            scaling: ``all`` features are divided by the same number, so that what hardly ever differs stays small; or
-                ``each`` by its own deviation too, for features of several units; ``unit``: as ``all``, of images
-                brought to length 1, so that only the direction of their features counts.
+            c: C, the weight of an error.
+            seed: of the order in which the solver visits images.
+            scaling: ``all`` features are divided by one number, so that those that hardly vary stay small; ``each`` is
+                standardised, for features of several units; ``unit``: as ``all``, after scaling images to norm 1,
+                so that only the direction of their features counts.
 
         Raises:
             ValueError: all images are of one class.
@@ -64,10 +64,10 @@ class LinearSVM:
 
         present = np.unique(labels)
         if len(present) < 2:
-            raise ValueError("a machine needs images of two classes at least")
+            raise ValueError("an SVM needs images of at least two classes")
         features = _at_unit_length(features) if scaling == "unit" else features
         mean, deviation = features.mean(0), features.std(0)
-        # what differs by rounding alone would be blown up by its own deviation
+        # features that differ only by rounding would be inflated by their own deviation
         differs = deviation > 1e-6 * np.abs(features).max(0)
         if not differs.any():
             deviation = np.ones_like(deviation)
@@ -77,19 +77,19 @@ class LinearSVM:
             deviation = np.full_like(deviation, np.sqrt(np.square(deviation[differs]).sum()))
         deviation = np.where(differs, deviation, np.inf)
         scaled = (features - mean) / deviation
-        # weights are sums of images: of few images with many numbers the machine needs only how these lie to each other
+        # weights are sums of images: with few images of many features the SVM needs only their inner products
         basis = np.linalg.qr(scaled.T)[0] if FEWER * len(features) < features.shape[1] else None
         seen = scaled if basis is None else scaled @ basis
-        machine = LinearSVC(C=c, random_state=seed, max_iter=5000, dual=True, tol=TOLERANCE)
+        svm = LinearSVC(C=c, random_state=seed, max_iter=5000, dual=True, tol=TOLERANCE)
         with warnings.catch_warnings():
-            # what is left to gain after so many rounds is little, and validation images judge what was reached
+            # little is left to gain after so many iterations, and validation images judge the result
             warnings.simplefilter("ignore", ConvergenceWarning)
-            # one image of each class is what some are to be known by
+            # some classes are known from a single image
             warnings.filterwarnings("ignore", "The number of unique classes", UserWarning)
-            machine.fit(seen, labels)
-        found = (machine.coef_ if basis is None else machine.coef_ @ basis.T) / deviation
-        offsets = machine.intercept_ - found @ mean
-        if len(present) == 2:  # one machine tells two classes apart
+            svm.fit(seen, labels)
+        found = (svm.coef_ if basis is None else svm.coef_ @ basis.T) / deviation
+        offsets = svm.intercept_ - found @ mean
+        if len(present) == 2:  # one SVM separates two classes
             found, offsets = np.concatenate([-found, found]), np.concatenate([-offsets, offsets])
         weights = np.zeros((count, features.shape[1]))
         bias = np.full(count, -np.inf)
@@ -102,21 +102,21 @@ class LinearSVM:
         train: tuple[Float[ndarray, "n d"], Int64[ndarray, "n"]],
         validation: tuple[Float[ndarray, "m d"], Int64[ndarray, "m"]],
         count: int,
-        prices: tuple[float, ...],
+        c_values: tuple[float, ...],
         seed: int = 0,
         scalings: tuple[Scaling, ...] = ("all",),
     ) -> "LinearSVM":
-        """The machine with most right answers on the validation images; of equals the first scaling, lowest price.
+        """The SVM with most correct validation images; of equals that of the first scaling and the lowest C.
 
         Raises:
             ValueError: there is something to choose and no validation image, or all images are of one class.
         """
         features, labels = validation
         if not len(labels):
-            raise ValueError("without validation images give one price and one scaling to fit with")
-        machines = [cls.fit(*train, count, c, seed, scaling) for scaling, c in product(scalings, sorted(prices))]
-        right = [float((machine.scores(features).argmax(1) == labels).mean()) for machine in machines]
-        return machines[int(np.argmax(right))]
+            raise ValueError("without validation images give a single C and a single scaling")
+        svms = [cls.fit(*train, count, c, seed, scaling) for scaling, c in product(scalings, sorted(c_values))]
+        right = [float((svm.scores(features).argmax(1) == labels).mean()) for svm in svms]
+        return svms[int(np.argmax(right))]
 
     def scores(self, features: Float[ndarray, "n d"]) -> Float[ndarray, "n k"]:
         """How much each image looks like each class."""
@@ -125,6 +125,6 @@ class LinearSVM:
 
 
 def _at_unit_length(features: Float[ndarray, "n d"]) -> Float[ndarray, "n d"]:
-    """Rows of length 1; what is nothing stays nothing."""
+    """Rows of norm 1; zeros stay zeros."""
     length = np.linalg.norm(features, axis=1, keepdims=True)
     return features / np.where(length > 0, length, 1.0)

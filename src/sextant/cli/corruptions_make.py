@@ -195,7 +195,7 @@ def _load(text: str, key: str) -> NDArray[Any]:
     except (OSError, ValueError, EOFError) as error:
         reason = str(error).splitlines()[0] if str(error) else "it is cut off"
         raise UserError(
-            f"{key}={text} cannot be read: {reason}", "It has to be a .npy file, whole, of numbers."
+            f"{key}={text} cannot be read: {reason}", "It must be a complete .npy file of numbers."
         ) from None
     if not isinstance(loaded, np.ndarray):
         raise UserError(f"{key}={text} is not a .npy file", "numpy.save writes one.")
@@ -229,7 +229,7 @@ def _disk_error(folder: Path, error: OSError) -> UserError:
     if error.errno in FULL:
         return UserError(
             f"the disk is full: {folder} cannot hold more",
-            "Corruptions that are done are kept. Free some space and give the same command again: it resumes.",
+            "Finished corruptions are kept. Free some space and repeat the command: it resumes.",
         )
     return UserError(f"{folder} cannot be written to: {error.strerror or error}", "Choose another output=")
 

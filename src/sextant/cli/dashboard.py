@@ -71,7 +71,7 @@ def _server(given: Mapping[str, str]) -> str | None:
         )
     unused = [f"{key}={given[key]}" for key in ("port", "serve") if key in given]
     if unused:
-        raise UserError(f"{unused[0]} belongs to tracking=sqlite: a server elsewhere is filled and not served", USAGE)
+        raise UserError(f"{unused[0]} belongs to tracking=sqlite: a remote server is filled, not served", USAGE)
     return uri
 
 

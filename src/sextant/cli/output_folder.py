@@ -42,8 +42,8 @@ def telling_write_errors(folder: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in FULL:
             raise UserError(
-                f"output={folder}: the disk is full ({readable(free_bytes(folder))} free), and not all was written",
-                "Free some space and give the same command again, or write to another disk: output=/path",
+                f"output={folder}: the disk is full ({readable(free_bytes(folder))} free), not everything was written",
+                "Free some space and repeat the command, or write to another disk: output=/path",
             ) from None
         raise UserError(
             f"output={folder} cannot be written to: {error.strerror or error}", "Choose another folder: output=/path"

@@ -36,7 +36,7 @@ def require_images(images: Tensor) -> None:
     low, high = (bound.item() for bound in images.detach().aminmax())
     if not (low >= 0 and high <= 1):  # a nan is neither
         if not (images.isfinite().all()):
-            raise UserError("images hold values that are nan or infinite", "Values have to lie within [0, 1].")
+            raise UserError("images contain NaN or infinite values", "Values must be within [0, 1].")
         raise UserError(
             f"images hold values from {low:g} to {high:g}, which are not within [0, 1]",
             "Divide by 255." if low >= 0 and 1 < high <= 255 else "Scale them, or cut them off: images.clamp(0, 1).",

@@ -127,7 +127,7 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
         levels = old_levels | levels
     elif strangers := [name for name in levels if (folder / f"{name}.npy").exists()]:
         raise UserError(
-            f"{folder} holds {strangers[0]}.npy, and no {RECORD} that says what it was made of",
+            f"{folder} holds {strangers[0]}.npy, but no {RECORD} that says how it was made",
             "Choose another folder with output=, or delete this one.",
         )
     write_json(folder / RECORD, {"recipe": asdict(recipe), "severities": levels})

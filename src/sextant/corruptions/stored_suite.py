@@ -83,7 +83,7 @@ class StoredSuite(CorruptionSuite):
         stored, levels = self.images[condition.corruption], self._levels[condition.corruption]
         count = len(stored) // len(levels)
         if int(positions.max()) >= count:
-            raise UserError(f"{self.folder} holds {count} images a severity, the test split has more", self._remedy)
+            raise UserError(f"{self.folder} holds {count} images per severity, the test split has more", self._remedy)
         rows = levels.index(condition.level) * count + positions.numpy()
         found = torch.from_numpy(np.ascontiguousarray(stored[rows]))
         found = found.unsqueeze(1) if found.ndim == 3 else found.permute(0, 3, 1, 2)
@@ -114,7 +114,7 @@ class StoredSuite(CorruptionSuite):
         if stored.dtype != np.uint8 or stored.ndim not in (3, 4) or len(stored) % len(levels):
             raise UserError(
                 f"{self.folder / name}.npy holds {stored.dtype} of shape {stored.shape}",
-                f"It has to hold uint8 images (n, height, width[, channels]), at {len(levels)} severities in turn.",
+                f"It must hold uint8 images (n, height, width[, channels]), at {len(levels)} severities in turn.",
             )
         return stored
 

@@ -20,7 +20,7 @@ class ExampleSettings:
         images: of the training split, the same number of each class as near as can be; None: all.
         novel_classes: so many classes, the last ones, are kept from the network and told by examples alone; the test is
             among them. 0: the network and the examples have the same classes.
-        examples: of each class that filters and machines are made of; None: all.
+        examples: per class, to which filters and SVMs are fitted; None: all.
         held_out: whether there are images to validate on; without, all are examples and ``tuning`` is empty.
     """
 
@@ -90,7 +90,7 @@ class ExampleData(ImageData):
                 raise UserError(
                     f"task.images={settings.images:,}: dataset={self.source.name} has {len(train):,} training images, "
                     f"and {len(validation):,} held out",
-                    f"Choose {len(train)} at most, or null for all.",
+                    f"Choose at most {len(train)}, or null for all.",
                 )
             train = _in_turns(data.labels, train, self.seed)[: settings.images]
         kept, held_out = (LabelledImages(data.images[rows], data.labels[rows]) for rows in (train, validation))
@@ -113,7 +113,7 @@ class ExampleData(ImageData):
             raise UserError(
                 f"task.examples={each}: there are {counts[least]} training images of class "
                 f"{self.source.spec().classes[least]} to choose from",
-                f"Choose {counts[least]} at most, null for all, or more task.images."
+                f"Choose at most {counts[least]}, null for all, or more task.images."
                 if counts[least]
                 else "Choose more task.images.",
             )

@@ -129,7 +129,7 @@ def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *
             require_sides(image)
             picture = upright(image)
             if picture.mode == "F":
-                raise ValueError("floating-point numbers, whose white is not known: convert it to 8 or 16 bits")
+                raise ValueError("floating-point values whose white level is unknown: convert it to 8 or 16 bits")
             if picture.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
                 picture = Image.fromarray((np.asarray(picture).clip(0, 65535) >> 8).astype(np.uint8))
             picture = picture.convert("RGB" if channels == 3 else "L")

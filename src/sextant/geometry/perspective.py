@@ -97,7 +97,7 @@ class PerspectiveCamera(Camera):
             f, a, b, limit = (values.flatten()[worst].item() for values in (focal, k1, k2, corner / reach * focal))
             raise UserError(
                 f"with focal={f:.4g}, k1={a:.4g}, k2={b:.4g} the corners of a {self.width}x{self.height} image lie "
-                "beyond the radius at which the distortion folds the picture over",
+                "beyond the radius at which the distortion folds the image over",
                 f"Use focal >= {math.ceil(limit * 1e4) / 1e4:g} (image heights), a k1 nearer to 0, or k2_of_k1=lopez.",
             )
 

@@ -55,19 +55,19 @@ class TiledMapBuilder:
         images: that were added, by an interrupted builder too: a stream goes on with the next one.
 
     Raises:
-        UserError: the folder holds a map already, or what is in it is not of a builder.
+        UserError: the folder already holds a map, or what is in it is not of a builder.
     """
 
     def __init__(self, folder: Path | str):
         self.folder = Path(folder).expanduser()
         if (self.folder / HEADER).is_file():
-            raise UserError(f"{self.folder} holds a map already", "Delete it, or name another folder.")
+            raise UserError(f"{self.folder} already holds a map", "Delete it, or name another folder.")
         known = read_json(self.folder / PROGRESS)
         if known is None and (self.folder / PROGRESS).is_file():
-            raise UserError(f"{self.folder / PROGRESS} is damaged", "Delete the folder and begin anew.")
+            raise UserError(f"{self.folder / PROGRESS} is damaged", "Delete the folder and start again.")
         self._state: dict[str, Any] = known or {"format": FORMAT, "stage": "adding", "images": 0, "dimension": 0}
         if not isinstance(self._state, dict) or self._state.get("format") != FORMAT:
-            raise UserError(f"{self.folder} is not of a map in the making", "Name another folder.")
+            raise UserError(f"{self.folder} does not hold a map being built", "Name another folder.")
 
     @property
     def images(self) -> int:
@@ -87,7 +87,7 @@ class TiledMapBuilder:
             OSError: the folder cannot be written.
         """
         if self._state["stage"] != "adding":
-            raise UserError(f"the map in {self.folder} is being finished", "Call finish(), or begin in another folder.")
+            raise UserError(f"the map in {self.folder} is being finished", "Call finish(), or start in another folder.")
         if not len(poses):
             return
         self._check(poses, descriptors)
@@ -255,7 +255,7 @@ def _refuse_repeated(poses: Float64[Tensor, "n 3"]) -> None:
     if alike.any():
         first = int(np.flatnonzero(alike)[0])
         raise UserError(
-            f"{int(alike.sum())} images have a pose that another one has too (same x, y and heading), such as images "
+            f"{int(alike.sum())} images share a pose with another (same x, y and heading), such as images "
             f"{min(order[first], order[first + 1])} and {max(order[first], order[first + 1])}, counted from 0",
             "Leave one of them out.",
         )

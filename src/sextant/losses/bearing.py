@@ -67,7 +67,7 @@ class BearingLoss(CameraLoss):
         if mode not in get_args(Mode):
             raise ArgumentError(f"mode={mode!r} must be one of {', '.join(get_args(Mode))}", "mode=disentangled")
         if grid < 2:
-            raise ArgumentError(f"grid={grid} must be at least 2 points a side", "For example grid=7")
+            raise ArgumentError(f"grid={grid} must be at least 2 points per side", "For example grid=7")
         self.mode, self.grid = mode, grid
         weights = harmonic_weights(space, grid) if mode == "harmonic" else torch.full((4,), 0.25)
         self.register_buffer("weights", weights.float(), persistent=False)

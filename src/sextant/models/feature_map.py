@@ -45,11 +45,11 @@ class FeatureMap(nn.Module):
             layer = next((name for name in USUAL if name in modules), None)
             if layer is None:
                 raise UserError(
-                    f"{type(network).__name__} has no layer of the names {', '.join(USUAL)}",
-                    f"Name the layer whose map is wanted, among {children} or within.",
+                    f"{type(network).__name__} has no layer named any of {', '.join(USUAL)}",
+                    f"Name the layer to use, one of {children} or within one.",
                 )
         if layer not in modules or layer == "":
-            raise UserError(f"layer={layer!r} is no layer of {type(network).__name__}", f"Choose among {children}")
+            raise UserError(f"layer={layer!r} is not a layer of {type(network).__name__}", f"Choose among {children}")
         self.network, self.layer = network, layer
         reached: set[nn.Module] = set()
         hooks = [
@@ -88,7 +88,7 @@ class FeatureMap(nn.Module):
             return reached.features
         finally:
             hook.remove()
-        raise UserError(f"layer={self.layer!r} plays no part in {type(self.network).__name__}", "Choose another layer.")
+        raise UserError(f"layer={self.layer!r} is not used by {type(self.network).__name__}", "Choose another layer.")
 
 
 def _stop(module: nn.Module, inputs: object, output: Tensor) -> None:

@@ -102,7 +102,7 @@ class OrientedCNN(nn.Module):
         if len(widths) != len(strides):
             raise ValueError(f"{len(widths)} widths need as many strides, got {tuple(strides)}")
         if in_channels < 3:
-            raise ValueError(f"oriented gradients need images in colour, got {in_channels} channels")
+            raise ValueError(f"oriented gradients need colour images, got {in_channels} channels")
         smallest = tuple(math.ceil(side // cell / math.prod(strides)) for side in image_size)
         if smallest[0] < grid[0] or smallest[1] < grid[1]:
             raise ValueError(f"images of {image_size[0]}x{image_size[1]} are too small for cells of {cell} pixels")

@@ -25,7 +25,7 @@ def timm_backbone(
     try:
         import timm
     except ImportError:
-        raise UserError("networks of timm need the package timm", "pip install timm") from None
+        raise UserError("timm networks need the package timm", "pip install timm") from None
     if not timm.is_model(name):
         near = timm.list_models(f"{name[:6]}*")[:5] or timm.list_models("resnet1*")[:5]
         raise ArgumentError(f"name={name!r} is not a timm network", f"For example {', '.join(near)}")

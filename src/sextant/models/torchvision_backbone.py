@@ -73,7 +73,7 @@ def _replace(network: nn.Module, name: str, module: nn.Module) -> None:
 def _replace_last(network: nn.Module, num_classes: int) -> None:
     if not any(isinstance(module, nn.Linear) for module in network.modules()):
         raise UserError(
-            f"{type(network).__name__} ends in no linear layer, which could give other classes",
+            f"{type(network).__name__} does not end in a linear layer that could be replaced for other classes",
             "Choose another network, for example resnet18 or mobilenet_v3_small.",
         )
     name, last = _named_last(network, nn.Linear)

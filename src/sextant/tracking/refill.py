@@ -45,9 +45,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
             refused.append(f"{directory.path.parent.name}/{directory.path.name}")
     parents = refill_parents(store, outputs, changed, all_of_them=all_of_them)
     if refused:
-        raise UserError(
-            f"the tracking store {store.uri} did not take {', '.join(refused)}", "What it said stands above."
-        )
+        raise UserError(f"the tracking store {store.uri} did not take {', '.join(refused)}", "Its message is above.")
     return len(changed) + parents
 
 

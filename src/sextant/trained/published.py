@@ -22,7 +22,9 @@ def published_content(path: Path) -> dict[str, Any]:
     found = load_published(path)
     first, _ = first_conv(found.network)
     if found.push_pull not in ((), (first,)):
-        raise UserError(f"{path} has push-pull layers at {', '.join(found.push_pull)}", "Only the first can be one.")
+        raise UserError(
+            f"{path} has push-pull layers at {', '.join(found.push_pull)}", "Only the first convolution can be one."
+        )
     family, depth, *growth = found.architecture.split("-")
     if family == "resnet":
         backbone = {"_target_": "sextant.models.ResNetCifar", "depth": int(depth)}

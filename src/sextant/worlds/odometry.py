@@ -118,7 +118,9 @@ def fit_odometry_noise(true_poses: Float[ndarray, "n 3"], odometry: Float[ndarra
     v = increments(at_axle(true_poses, lever))
     moved, turned = np.hypot(u[:, 0], u[:, 1]), np.abs(u[:, 2])
     if moved.sum() < 20:
-        raise UserError(f"odometry: a drive of {moved.sum():.1f} m is too short to fit errors to: at least 20 m")
+        raise UserError(
+            f"odometry: a drive of {moved.sum():.1f} m is too short to fit errors to: it needs at least 20 m"
+        )
     window = np.floor(np.cumsum(moved) / WINDOWS_M[0]).astype(int)
 
     def sums(*columns: Float[ndarray, " n"]) -> Float[ndarray, "w k"]:

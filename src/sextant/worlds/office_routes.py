@@ -92,7 +92,7 @@ def _drive(
             )
     room = plan.walkable.buffer(-CLEARANCE_M)
     if room.is_empty:
-        raise UserError("office route: no room to drive in between the walls", "Use a larger size_m.")
+        raise UserError("office route: no room to drive between the walls", "Use a larger size_m.")
     room = max(shapely.get_parts(room).tolist(), key=lambda part: part.area)
     left, bottom, right, top = room.bounds
     columns, rows = int((right - left) / CELL_M) + 1, int((top - bottom) / CELL_M) + 1
@@ -109,7 +109,7 @@ def _drive(
         distance, before = dijkstra(graph, indices=way[-1], return_predecessors=True)
         reachable = places[np.isfinite(distance[places]) & (distance[places] > 3)]
         if not len(reachable):
-            raise UserError("office route: the free floor is too small to drive about in", "Use a larger size_m.")
+            raise UserError("office route: the free floor is too small to drive in", "Use a larger size_m.")
         leg = [choose(reachable, points[way], points)]
         while leg[-1] != way[-1]:
             leg.append(int(before[leg[-1]]))

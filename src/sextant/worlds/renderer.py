@@ -57,7 +57,7 @@ class Rays:
         """
         side = round(samples**0.5)
         if side * side != samples or not 1 <= samples <= 64:
-            raise UserError(f"samples={samples}: rays a pixel must be a square number", "Choose 1, 4, 9 or 16.")
+            raise UserError(f"samples={samples}: rays per pixel must be a square number", "Choose 1, 4, 9 or 16.")
         return cls.of(camera.bearings(camera.ray_grid(side, dtype=torch.float64)).numpy())
 
 

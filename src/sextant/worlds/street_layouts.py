@@ -83,7 +83,7 @@ def _check_total(columns: int, rows: int, spacing_m: float) -> None:
     if (columns + 1) * (rows + 1) > MAX_JUNCTIONS or max(columns, rows) * spacing_m > MAX_SIZE_M * (1 + 1e-9):
         raise UserError(
             f"streets: {columns} x {rows} blocks of {spacing_m:g} m are too many: at most {MAX_JUNCTIONS:,} junctions "
-            f"and {MAX_SIZE_M:g} m a side",
+            f"and {MAX_SIZE_M:g} m per side",
             "Use a smaller streets.size_m (or columns and rows), or larger blocks",
         )
 

@@ -54,7 +54,7 @@ def traced_streets(
     prune(town)
     straighten(town)
     if town.number_of_edges() == 0:
-        raise UserError("the trajectory goes to and fro in too small a place to make a street", "Use a longer one.")
+        raise UserError("the trajectory goes to and fro in too small an area to make a street", "Use a longer one.")
     add_side_streets(town, np.random.default_rng(seed), side_streets, reach_m)
     prune(town)
     return _as_street_graph(town)

@@ -158,7 +158,7 @@ def test_presets_answer_to_their_own_example(tmp_path, preset):
 
 
 @pytest.mark.parametrize(
-    ("point", "says"), [("5,150", "nothing in the prototype's neighbourhood"), ("110,80", "is of one colour")]
+    ("point", "says"), [("5,150", "nothing in the prototype's neighbourhood"), ("110,80", "has a single colour")]
 )
 def test_a_prototype_without_structure_is_refused(tmp_path, example, point, says):
     if "colour" in says:
@@ -232,7 +232,7 @@ def test_a_trained_run_gives_the_features_of_a_layer(tmp_path, trained):
         maps = found.features(torch.rand(1, 3, 40, 56))
     assert maps.shape[1] == found.size
     assert (found.channels, found.facts["layer"], found.facts["task"]) == (3, layer, "classification")
-    with pytest.raises(UserError, match="layer='conv9' is no layer") as caught:
+    with pytest.raises(UserError, match="layer='conv9' is not a layer") as caught:
         trained_features(str(trained), tmp_path, "conv9", trust=False)
     assert names[0] in caught.value.fix
 

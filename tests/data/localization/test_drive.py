@@ -120,7 +120,7 @@ def test_validation_and_test_share_no_frame(n, share):
 
 
 def test_drives_of_one_dataset_have_names_of_their_own():
-    with pytest.raises(ValueError, match="names of their own"):
+    with pytest.raises(ValueError, match="distinct names"):
         LocalizationData(circle(), (circle(), circle()), (), None, "m", "town")
 
 

@@ -117,7 +117,7 @@ def test_order_joins_images_and_poses_that_tell_no_time(tmp_path):
             (tmp_path / drive / name).rename(tmp_path / drive / f"{i}.png")
     drive = source(tmp_path, "tum").read().test[0]
     assert np.allclose(drive.times_s, 1002.25 + np.arange(6))
-    with pytest.raises(UserError, match=r"names of some images tell no time, such as 0.png"):
+    with pytest.raises(UserError, match=r"some image names contain no time, such as 0.png"):
         source(tmp_path, "tum", times="names").read()
     (tmp_path / "run" / "7.png").unlink()
     with pytest.raises(UserError, match=r"dataset.test.run: poses.txt has 8 poses for 7 images"):
@@ -232,7 +232,7 @@ def test_two_images_of_the_map_at_one_pose_are_told_or_left_out(tmp_path):
     twice = POSES.copy()
     twice[5] = twice[2]
     (folder / "map" / "poses.csv").write_text(csv(twice))
-    with pytest.raises(UserError, match=r"dataset.map: 1 of 8 images have the very pose(.|\n)*1005.25.png = 1002.25"):
+    with pytest.raises(UserError, match=r"dataset.map: 1 of 8 images have the same pose(.|\n)*1005.25.png = 1002.25"):
         source(folder).read()
     data = source(folder, skip_bad=True).read()
     assert np.array_equal(data.map.images[5], picture(6))

@@ -83,7 +83,7 @@ def test_by_name_frames_without_a_partner_are_named(tmp_path):
 def test_one_frame_of_two_suffixes_is_refused(tmp_path):
     write_pictures(tmp_path / "reference", ["1.png", "1.jpg"])
     write_pictures(tmp_path / "query", ["1.png"], first=10)
-    with pytest.raises(UserError, match="two frames of one name"):
+    with pytest.raises(UserError, match="two frames of the same name"):
         folders(tmp_path, places="name").files("test")
 
 
@@ -220,7 +220,7 @@ def test_utm_folders(tmp_path):
     found = images.positives(np.array([2]), np.array([0, 1]), PlaceTolerance("m", 5, 25))
     assert found.toarray().tolist() == [[True, False]]
     write_pictures(tmp_path / "query", ["late.png"], first=6)
-    with pytest.raises(UserError, match=r"1 of 2 names tell no pose\n  late.png"):
+    with pytest.raises(UserError, match=r"1 of 2 names contain no pose\n  late.png"):
         folders(tmp_path, places="utm").read("test")
 
 
@@ -272,7 +272,7 @@ def test_one_folder_cannot_be_two(folder):
 
 def test_duplicate_files_are_named_or_allowed(folder):
     (folder / "query" / "b3.png").write_bytes((folder / "reference" / "a2.png").read_bytes())
-    with pytest.raises(UserError, match=r"1 files are the same as another\n  reference/a2.png = query/b3.png"):
+    with pytest.raises(UserError, match=r"1 files are duplicates of another\n  reference/a2.png = query/b3.png"):
         folders(folder, places="order").read("test")
     assert len(folders(folder, places="order", allow_duplicates=True).read("test")) == 6
 

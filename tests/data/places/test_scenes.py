@@ -196,7 +196,7 @@ def test_scenes_of_a_rendered_town(tmp_path, monkeypatch):
     assert np.array_equal(train.images[1].transpose(1, 2, 0), whole.images[rows[0]][2])
     assert np.array_equal(test.images[1].transpose(1, 2, 0), whole.images[rows[1]][2])
     assert scenes.of("train").spec().classes == ("frame_00000", "frame_00002", "frame_00004")
-    with pytest.raises(UserError, match="The least spacing that works here: spacing=2"):  # a frame is four metres
+    with pytest.raises(UserError, match="The smallest spacing that works here: spacing=2"):  # a frame is four metres
         Scenes(source, references=["summer_noon"], queries=["winter_noon"], spacing=1).read("train")
 
 

@@ -36,7 +36,7 @@ def test_a_disk_that_fills_up_keeps_what_was_rendered(number, threads, tmp_path,
     assert str(store.directory) in said
     assert "more" in said
     assert "is free" in said
-    assert "the same command again: it resumes" in said
+    assert "repeat the command: it resumes" in said
     monkeypatch.undo()
     kept = store.rendered
     assert kept <= 8

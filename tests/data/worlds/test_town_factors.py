@@ -111,8 +111,8 @@ def test_it_is_a_source_of_places(tmp_path):
         ({"base": "monsoon"}, "there is no condition 'monsoon'"),
         ({"factors": {"fogg": [1.0]}}, "an appearance has no factor 'fogg'"),
         ({"factors": {"snow": [7.0]}}, "appearance.snow is 7.0; it must be a number from 0 to 1"),
-        ({"factors": {"snow": [0.1, 0.1]}}, "dataset.factors.snow=[0.1, 0.1]: each value once"),
-        ({"only": ["snow", "rain"]}, "dataset.only names rain, which dataset.factors has no values of"),
+        ({"factors": {"snow": [0.1, 0.1]}}, "dataset.factors.snow=[0.1, 0.1]: each value must occur once"),
+        ({"only": ["snow", "rain"]}, "dataset.only names rain, which have no values in dataset.factors"),
         ({"places": {"train": 4, "test": 21}}, "dataset.places.test=21 is more than dataset.frames.test=20"),
     ],
 )
@@ -127,7 +127,7 @@ def test_a_store_numbers_conditions_in_one_byte():
     assert len(factor_conditions("summer_noon", {"fog_per_m": values})) == MOST_CONDITIONS
     with pytest.raises(UserError, match="125 are possible"):
         factor_conditions("summer_noon", {"fog_per_m": values, "snow": [1.0]})
-    with pytest.raises(UserError, match="no value beside those of summer_noon"):
+    with pytest.raises(UserError, match="no values other than those of summer_noon"):
         factor_conditions("summer_noon", {"snow": [0.0]})
 
 

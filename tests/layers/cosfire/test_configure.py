@@ -39,9 +39,9 @@ def test_a_point_on_the_border_is_inside(point):
 
 @pytest.mark.parametrize("colour", [0.0, 0.7])
 def test_a_prototype_of_one_colour_is_refused(colour):
-    with pytest.raises(UserError, match="of one colour"):
+    with pytest.raises(UserError, match="a single colour"):
         preset("digit").configure(torch.full((1, 41, 41), colour))
-    with pytest.raises(UserError, match="of one colour"):
+    with pytest.raises(UserError, match="a single colour"):
         preset("digit").configure(torch.tensor([colour, 0.5, 1.0]).view(3, 1, 1).expand(3, 41, 41))
 
 

@@ -116,7 +116,7 @@ def test_of_banks_that_cannot_be_steered_moved_forms_come_from_moved_prototypes(
     image = random_images(1, 1, 3, 15, 10)
     turned = torch.rot90(image.flip(-1), 1, (-2, -1))
     torch.testing.assert_close(layer(turned), torch.rot90(layer(image).flip(-1), 1, (-2, -1)))
-    with pytest.raises(UserError, match="each of the filter's 8 forms has parts of its own"):
+    with pytest.raises(UserError, match="each of the filter's 8 forms has its own parts"):
         layer.keep(lambda parts: parts.rho > 0)
 
 
@@ -143,7 +143,7 @@ def test_images_that_the_network_cannot_take_are_refused_in_one_message(features
 
 @pytest.mark.parametrize("kind", [FeatureBank, VectorBank])
 def test_a_bank_of_another_size_than_its_network_is_refused(features, kind):
-    with pytest.raises(ValueError, match=r"the bank was told of \(b, 5, y, x\)"):
+    with pytest.raises(ValueError, match=r"the bank expects \(b, 5, y, x\)"):
         kind(features, 5).describe(random_images(0, 1, 3, 24, 24))
 
 

@@ -83,7 +83,7 @@ def test_filters_over_a_network_need_it(path, kind):
     assert not any("bank" in name for name in load_file(path))
     images = random_images(1, 2, 3, 12, 10)
     assert torch.equal(Cosfire.load(path, kind(network, 6))(images), layer(images))
-    with pytest.raises(UserError, match=rf"look through a {kind.__name__}, whose network is not in the file"):
+    with pytest.raises(UserError, match=rf"use a {kind.__name__}, whose network is not in the file"):
         Cosfire.load(path)
     with pytest.raises(UserError, match=rf"made for a {kind.__name__} of 6 channels, not for a {kind.__name__} of 4"):
         Cosfire.load(path, kind(network, 4))

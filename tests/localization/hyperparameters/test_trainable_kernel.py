@@ -117,7 +117,7 @@ def test_the_start_of_one_place_is_finite():
 
 
 def test_descriptors_that_are_all_alike_are_refused():
-    with pytest.raises(UserError, match="5 descriptors are all alike"):
+    with pytest.raises(UserError, match="5 descriptors are all equal"):
         TrainableKernel.from_map(poses_in_room(5), torch.ones(5, 3))
 
 

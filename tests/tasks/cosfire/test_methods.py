@@ -54,7 +54,7 @@ def test_many_images_are_looked_up_in_batches():
     torch.testing.assert_close(found[::7].amax(1), torch.ones(300))
 
 
-def test_one_price_and_one_scaling_need_no_tuning_images():
+def test_one_c_and_one_scaling_need_no_tuning_images():
     labels = torch.arange(60) % 3
     features = torch.randn(60, 6, generator=torch.Generator().manual_seed(0))
     found = svm_of((features, labels), (features[:0], labels[:0]), 3, (10.0,), ("each",), 30, 0)
@@ -63,7 +63,7 @@ def test_one_price_and_one_scaling_need_no_tuning_images():
     assert (found.c, found.scaling) == (10.0, "each")
 
 
-def test_the_price_is_chosen_with_few_examples_and_the_machine_made_of_all():
+def test_c_is_chosen_with_few_examples_and_the_svm_fitted_to_all():
     generator = torch.Generator().manual_seed(0)
     labels = torch.arange(120) % 3
     features = torch.randn(3, 6, generator=generator)[labels] + torch.randn(120, 6, generator=generator)

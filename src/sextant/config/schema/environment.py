@@ -49,7 +49,7 @@ class Tracking(Node):
             )
         if self.kind == "sqlite" and self.uri is not None:
             raise ValueError(
-                f"tracking.uri={self.uri} belongs to tracking=server; the sqlite store lies in paths.outputs"
+                f"tracking.uri={self.uri} belongs to tracking=server; the sqlite store is in paths.outputs"
             )
         return self
 

@@ -42,7 +42,7 @@ class PadCropFlip:
         height, width = images.shape[-2:]
         if self.mode == "reflect" and self.pad >= min(height, width):
             raise UserError(
-                f"augmentation.pad={self.pad}: images of {height}x{width} cannot be reflected so far",
+                f"augmentation.pad={self.pad}: images of {height}x{width} cannot be reflected that far",
                 f"augmentation.pad must be below {min(height, width)}, or augmentation.mode=replicate",
             )
         numbers = indices.numpy()

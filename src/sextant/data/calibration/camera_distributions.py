@@ -124,7 +124,7 @@ class CameraDistribution:
                 raise UserError(f"sampling.{key}: {error.problem}", error.fix) from None
             except (TypeError, ValueError, AttributeError):
                 raise UserError(
-                    f"sampling.{key}={getattr(self, key)!r} is no distribution",
+                    f"sampling.{key}={getattr(self, key)!r} is not a distribution",
                     f"For example {key}: {{kind: uniform, low: 0.1, high: 0.9}}",
                 ) from None
         object.__setattr__(self, "_mixtures", mixtures)
@@ -209,4 +209,4 @@ def _ratio(name: str) -> float:
             return width / height
     except ValueError:
         pass
-    raise UserError(f'sampling.aspect: {name!r} is no shape of an image such as "4:3"')
+    raise UserError(f'sampling.aspect: {name!r} is not an image shape such as "4:3"')

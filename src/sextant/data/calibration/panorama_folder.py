@@ -76,7 +76,7 @@ class PanoramaFolder:
             self._pattern = None if groups is None else re.compile(groups)
         except re.error as error:
             raise UserError(
-                f"dataset.groups={groups!r} is no regular expression: {error}", "For example groups: '^([^_]+)_'"
+                f"dataset.groups={groups!r} is not a regular expression: {error}", "For example groups: '^([^_]+)_'"
             ) from None
 
     @cached_property
@@ -131,7 +131,7 @@ class PanoramaFolder:
         """The panoramas of a split, decoded at the first time and mapped from the cache from then on.
 
         Raises:
-            UserError: files are no panoramas; all of them are named.
+            UserError: files are not panoramas; all of them are named.
         """
         paths = self.files(split)
         if not paths:
@@ -171,7 +171,7 @@ class PanoramaFolder:
             more = f"\n  and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
             listed = "\n".join(sorted(bad)[:NAMED])
             raise UserError(
-                f"dataset.folder={self.folder}: {len(bad)} of {len(paths)} {split} files are no panoramas\n"
+                f"dataset.folder={self.folder}: {len(bad)} of {len(paths)} {split} files are not panoramas\n"
                 f"{listed}{more}",
                 "Replace them or take them out of the folder.",
             )

@@ -67,7 +67,7 @@ class Variate:
         if wanted != given:
             raise UserError(
                 f"kind={self.kind} has the keys {sorted(wanted)}, got {sorted(given)}",
-                "Besides them every kind takes low and high.",
+                "Every kind also takes low and high.",
             )
         ends = np.isfinite([self.low, self.high]).all()
         if self.kind in BOUNDED and not ends:

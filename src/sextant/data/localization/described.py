@@ -99,7 +99,7 @@ class DescribedDrives:
             partial.replace(path)
         except OSError as error:
             raise UserError(
-                f"{path.parent}: descriptors cannot be kept there: {error}", "paths.cache=<folder>"
+                f"{path.parent}: descriptors cannot be stored there: {error}", "paths.cache=<folder>"
             ) from None
         finally:
             with suppress(OSError):  # the cache may be no folder at all

@@ -75,7 +75,7 @@ class Photos:
         if missing := [name for name in self.names if name not in listed]:
             raise UserError(
                 f"odometry={given} has no row for {len(missing):,} of {len(self):,} photos, such as {missing[0]}",
-                "A row an image, with the name of its file below the folder; or leave out the column file.",
+                "One row per image, with its file name relative to the folder; or leave out the column file.",
             )
         assert there
         times = None if len(listed) != len(there) else self.times_s
@@ -146,7 +146,7 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
     if path.is_file() and path.suffix.lower() in VIDEOS:
         return _video(path, every)
     if every != 1:
-        raise UserError(f"every={every} is of a video; input={given} is none", "Leave out every=.")
+        raise UserError(f"every={every} applies to a video; input={given} is not one", "Leave out every=.")
     folder = path if path.is_dir() else path.parent
     mine = output.resolve()
     found = [p for p in find_photos(given, output) if not (p.name in WRITTEN and p.resolve().parent == mine)]

@@ -39,7 +39,7 @@ class LocalizationData:
     def __post_init__(self) -> None:
         names = [drive.name for drive in (*self.test, *self.validation)]
         if len(set(names)) < len(names):
-            raise ValueError(f"drives need names of their own: {names}")
+            raise ValueError(f"drives need distinct names: {names}")
 
 
 def first_share(drives: Sequence[Drive], share: float) -> tuple[tuple[Drive, ...], tuple[Drive, ...]]:

@@ -35,7 +35,7 @@ def longest_along_map(drive: Drive, mapped: Drive, distance: float) -> Drive:
     longest = int(np.argmax(stops - starts)) if len(starts) else 0
     if not len(starts) or stops[longest] - starts[longest] < 2:
         raise UserError(
-            f"task.near_map={distance:g}: drive {drive.name} has no two frames in a row so near to an image of the map",
+            f"task.near_map={distance:g}: drive {drive.name} has no two consecutive frames that close to a map image",
             "Choose a larger distance, or null.",
         )
     return drive.select(int(starts[longest]), int(stops[longest])).renumbered()

@@ -83,7 +83,7 @@ def motions_of(
             raise UserError(
                 f"odometry={given} has poses from {odometry.times_s[0]:.3f} s to {odometry.times_s[-1]:.3f} s; the "
                 f"images are of {times_s[0]:.3f} s to {times_s[-1]:.3f} s by their names, none at a time with poses",
-                "Are both in the same clock? Without times in the names, rows are images.",
+                "Do both use the same clock? Without times in the names, each row is an image.",
             )
         missing = [name for name, there in zip(names, known, strict=True) if not there]
         if missing:
@@ -96,7 +96,7 @@ def motions_of(
     if len(poses) != len(names):
         raise UserError(
             f"odometry={given} has {len(poses):,} rows for {len(names):,} images, {names[0]} to {names[-1]}",
-            "A row an image, in their order; or a trajectory in TUM's format and names that tell seconds; or a table "
+            "One row per image, in order; or a trajectory in TUM's format and file names in seconds; or a table "
             "with a column file.",
         )
     if odometry.times_s is not None and times_s is None:
@@ -144,7 +144,7 @@ def _table(path: Path, lines: Sequence[str]) -> OdometryFile:
         words = [row[column].strip() if column < len(row) else "" for column in columns]
         values = [np.nan if word in ("", "nan") else _number(word) for word in words]
         if any(value is None for value in values):
-            raise UserError(f"odometry={path}: row {number + 1} is no pose: {','.join(row)}", FIX)
+            raise UserError(f"odometry={path}: row {number + 1} is not a pose: {','.join(row)}", FIX)
         poses[number] = values
     if not len(poses):
         raise UserError(f"odometry={path} has no rows", FIX)
@@ -156,7 +156,7 @@ def _table(path: Path, lines: Sequence[str]) -> OdometryFile:
     files = tuple(row[header.index("file")].strip() if header.index("file") < len(row) else "" for row in rows[1:])
     if len(set(files)) < len(files):
         twice = next(name for name in files if files.count(name) > 1)
-        raise UserError(f"odometry={path} names {twice or 'no file'} in more than one row", "A row an image.")
+        raise UserError(f"odometry={path} names {twice or 'no file'} in more than one row", "One row per image.")
     return OdometryFile(poses, names=files)
 
 

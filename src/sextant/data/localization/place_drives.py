@@ -91,7 +91,7 @@ class PlaceFolderDrives:
         self.name = dataset.name
         if dataset.place_unit != "m":
             raise UserError(
-                f"dataset.places={dataset.places} knows places by their order alone; "
+                f"dataset.places={dataset.places} identifies places by their order only; "
                 "task=localization needs x, y and heading of every image",
                 "dataset.places=csv with tables file,x,y,heading, or dataset=pose_folder",
             )
@@ -126,7 +126,7 @@ class PlaceFolderDrives:
             notes += val.skipped
             return LocalizationData(first, late, early, validation_map, "m", "town", other_maps=late, notes=notes)
         if short := [drive.name for drive in drives if len(drive) < 2]:
-            raise UserError(f"dataset.test: {short[0]} has but one image, too few to localize", "Add images.")
+            raise UserError(f"dataset.test: {short[0]} has only one image, too few to localize", "Add images.")
         early, late = first_share(drives, self.settings.share(VALIDATION_SHARE))
         return LocalizationData(first, late, early, None, "m", "town", other_maps=tuple(drives), notes=notes)
 
@@ -162,7 +162,7 @@ class PlaceFolderDrives:
 def _several(conditions: tuple[str, ...]) -> tuple[str, ...]:
     if len(conditions) < 2:
         raise UserError(
-            f"{list(conditions)}: the first condition is the map's, and none is left to localize",
+            f"{list(conditions)}: the first condition is the map's, which leaves none to localize",
             "Give at least two, such as dataset.conditions=[summer,winter] or "
             "dataset.test='{reference: reference, query: query}'",
         )

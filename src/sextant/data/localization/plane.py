@@ -45,7 +45,7 @@ def to_plane(
         listed = problem_list([f"pose {i + 1}: {steep[i]:.0f} degrees" for i in wrong.tolist()])
         raise UserError(
             f"{what}: the {ahead} axis of {len(wrong):,} of {len(axis):,} poses looks nearly perpendicular to the "
-            f"plane {plane}, so that its heading is not known\n{listed}",
+            f"plane {plane}, so its heading is unknown\n{listed}",
             "Name the plane that the camera moves in (dataset.plane=xz where y is down, as in KITTI; xy where z is "
             "up), and the axis\nof the poses that looks ahead (dataset.ahead=z for a camera, x for a robot).",
         )

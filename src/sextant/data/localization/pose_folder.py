@@ -197,7 +197,7 @@ class PoseFolder:
         (first,), test, validation = drives["map"], tuple(drives["test"]), tuple(drives["validation"])
         if not validation:
             if short := [drive.name for drive in test if len(drive) < 2]:
-                raise UserError(f"dataset.test.{short[0]} has but one image, too few to localize", "Add images.")
+                raise UserError(f"dataset.test.{short[0]} has only one image, too few to localize", "Add images.")
             validation, test = first_share(test, self.settings.share(VALIDATION_SHARE))
         return LocalizationData(first, test, validation, None, "m", self.protocol, notes=tuple(notes))
 
@@ -272,8 +272,8 @@ class PoseFolder:
         times = times_of_names(paths)
         if times is None:
             raise UserError(
-                f"{key}: dataset.times=names, but the names of some images tell no time, such as {paths[0].name}",
-                "Names such as 1305031102.175304.png, or dataset.times=order, or a file with a line an image.",
+                f"{key}: dataset.times=names, but some image names contain no time, such as {paths[0].name}",
+                "Names such as 1305031102.175304.png, or dataset.times=order, or a file with one line per image.",
             )
         return times
 
@@ -296,7 +296,7 @@ class PoseFolder:
             raise UserError(
                 f"{key}: {file.name} has {len(poses):,} poses for {len(paths):,} images, "
                 f"{paths[0].name} to {paths[-1].name}; without times they must be the same frames",
-                "Take away what has no partner, or tell the times of TUM poses: dataset.times=names or a file.",
+                "Remove what has no partner, or give the times of TUM poses: dataset.times=names or a file.",
             )
         return compose(poses, np.repeat(self.mounting, len(poses), axis=0)), told
 
@@ -317,9 +317,8 @@ class PoseFolder:
         named = [f"{paths[i].name} = {paths[first[which.ravel()[i]]].name}" for i in double.tolist()]
         if named and not self.skip_bad:
             raise UserError(
-                f"{key}: {len(named):,} of {len(poses):,} images have the very pose of another\n{problem_list(named)}",
-                "Take one of each away (is a pose repeated for frames that have none?), or leave them out: "
-                "dataset.skip_bad=true",
+                f"{key}: {len(named):,} of {len(poses):,} images have the same pose as another\n{problem_list(named)}",
+                "Remove one of each (is a pose repeated for frames without one?), or skip them: dataset.skip_bad=true",
             )
         notes += [f"left out {name}" for name in named]
         return np.sort(first)

@@ -78,7 +78,7 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
         raise UserError(
             f"{path}: {f'{len(problems)} lines cannot be used' if problems else 'it has no poses'}\n"
             f"{problem_list(problems)}".rstrip(),
-            "Each line: timestamp tx ty tz qx qy qz qw, in the order of time.",
+            "Each line: timestamp tx ty tz qx qy qz qw, in order of time.",
         )
     table = np.array(rows)
     return np.ascontiguousarray(table[:, 0]), _matrices(table[:, 1:4], table[:, 4:])

@@ -40,9 +40,9 @@ def times_of_file(path: Path, count: int) -> Float64[ndarray, "n"]:
     try:
         times = np.array([float(line) for line in path.read_text().split()])
     except (OSError, ValueError) as error:
-        raise UserError(f"{path} cannot be read as times: {error}", "A line an image, with seconds.") from None
+        raise UserError(f"{path} cannot be read as times: {error}", "One line per image, in seconds.") from None
     if len(times) != count or not np.isfinite(times).all():
-        raise UserError(f"{path} has {len(times):,} times for {count:,} images", "A line an image, with seconds.")
+        raise UserError(f"{path} has {len(times):,} times for {count:,} images", "One line per image, in seconds.")
     return times
 
 
@@ -67,7 +67,7 @@ def check_gaps(times_s: Float64[ndarray, "n"], names: Sequence[str], max_gap_s: 
         listed = problem_list([f"{names[i]} to {names[i + 1]}: {gap[i]:.3f} s" for i in wide])
         raise UserError(
             f"{key}: {len(wide):,} gaps in time above dataset.max_gap_s={max_gap_s:g}\n{listed}",
-            "Make two drives of it, or allow such gaps: dataset.max_gap_s=<seconds>, or null for any.",
+            "Split it into two drives, or allow such gaps: dataset.max_gap_s=<seconds>, or null for any.",
         )
 
 
@@ -104,7 +104,7 @@ def poses_at(
         raise UserError(
             f"{key}: {len(wrong):,} of {len(names):,} images have no pose at their time "
             f"({times_s[0]:.6f} s to {times_s[-1]:.6f} s, gaps up to dataset.max_gap_s={max_gap_s})\n{listed}",
-            "Take these images away, complete the trajectory, or allow wider gaps: dataset.max_gap_s=<seconds>",
+            "Remove these images, complete the trajectory, or allow wider gaps: dataset.max_gap_s=<seconds>",
         )
     x, y = (np.interp(wanted_s, times_s, poses[:, k]) for k in (0, 1))
     heading = np.interp(wanted_s, times_s, np.unwrap(poses[:, 2]))

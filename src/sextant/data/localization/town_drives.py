@@ -62,7 +62,7 @@ class TownSeasonsDrives(_TownSource):
         conditions = self.conditions()
         if len(conditions) < 2:
             raise UserError(
-                f"dataset.conditions={list(conditions)}: the first is the map's, and none is left to localize",
+                f"dataset.conditions={list(conditions)}: the first is the map's, which leaves none to localize",
                 "dataset.conditions=[summer_noon,winter_noon]",
             )
         first, *test = self._town("test", conditions)

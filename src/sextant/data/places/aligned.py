@@ -46,7 +46,7 @@ def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Pa
             if other != name and (folder == around or around in folder.parents):
                 raise UserError(
                     f"{key}.{name}={traverses[name]} and {key}.{other}={traverses[other]} have the same files",
-                    "Each traverse needs a folder of its own.",
+                    "Each traverse needs its own folder.",
                 )
     files = {name: images_below(folder) for name, folder in resolved.items()}
     for name, paths in files.items():
@@ -79,7 +79,8 @@ def align_by_name(
             stem = path.relative_to(root).with_suffix("").as_posix()
             if stem in own:
                 raise UserError(
-                    f"{key}: {name} has two frames of one name: {own[stem].name} and {path.name}", "Remove one of them."
+                    f"{key}: {name} has two frames of the same name: {own[stem].name} and {path.name}",
+                    "Remove one of them.",
                 )
             own[stem] = path
         named[name] = own
@@ -108,8 +109,8 @@ def align_by_order(files: Mapping[str, Sequence[Path]], key: str) -> AlignedRide
             [f"{name}: {n:,} images, {files[name][0].name} to {files[name][-1].name}" for name, n in counts.items()]
         )
         raise UserError(
-            f"{key}: dataset.places=order takes the i-th images of all traverses for one place, "
-            f"and these differ in length\n{listed}",
+            f"{key}: dataset.places=order treats the i-th images of all traverses as one place, "
+            f"but these differ in length\n{listed}",
             "Remove what has no partner, or align them by equal names (dataset.places=name) "
             "or by poses (dataset.places=csv or utm).",
         )

@@ -190,7 +190,7 @@ class PlaceFolders:
                 if other != split and _overlap(path.resolve(), (self.folder / folder).resolve()):
                     raise UserError(
                         f"dataset.{split}.{own}={chosen[own]} and dataset.{other}.{name}={folder} have files in common",
-                        "Splits must share no place: give each folders of its own.",
+                        "Splits must share no place: give each its own folders.",
                     )
         return traverses
 
@@ -240,7 +240,7 @@ class PlaceFolders:
                 first[digest] = path
         if double:
             raise UserError(
-                f"dataset.{split}: {len(double):,} files are the same as another\n{problem_list(double)}",
+                f"dataset.{split}: {len(double):,} files are duplicates of another\n{problem_list(double)}",
                 "Remove one of each pair, or, if that is meant, dataset.allow_duplicates=true",
             )
 

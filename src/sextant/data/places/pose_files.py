@@ -84,7 +84,7 @@ def read_pose_table(path: Path) -> dict[str, Pose]:
     if problems:
         raise UserError(
             f"{path}: {len(problems)} rows cannot be used\n{problem_list(problems)}",
-            "Correct them, or take these rows and their images out.",
+            "Correct them, or remove these rows and their images.",
         )
     return poses
 
@@ -131,7 +131,7 @@ def utm_poses(paths: Sequence[Path], key: str) -> list[Pose]:
     wrong = [path.name for path, pose in zip(paths, poses, strict=True) if pose is None]
     if wrong:
         raise UserError(
-            f"{key}: {len(wrong):,} of {len(paths):,} names tell no pose\n{problem_list(wrong)}",
+            f"{key}: {len(wrong):,} of {len(paths):,} names contain no pose\n{problem_list(wrong)}",
             "dataset.places=utm needs names such as @0548939.41@4179162.31@10@S@@@@@180@@@@@@.jpg: easting, northing "
             "in metres,\nzone number, zone letter, latitude, longitude, pano_id, tile, heading, pitch, roll, height, "
             "time, note; all after northing may be empty.",
@@ -158,14 +158,14 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
     if unplaced:
         raise UserError(
             f"{key}: {len(unplaced):,} of {len(names):,} images have no row in {table}\n{problem_list(unplaced)}",
-            "Add rows of file,x,y, with paths relative to the table's folder, or take these images away.",
+            "Add rows of file,x,y, with paths relative to the table's folder, or remove these images.",
         )
     own = [name for name in poses if inside == Path() or name.startswith(f"{inside.as_posix()}/")]
     absent = sorted(name for name in set(own) - set(names) if not (table.parent / name).is_file())
     if absent:
         raise UserError(
             f"{key}: {len(absent):,} rows of {table} have no image\n{problem_list(absent)}",
-            "Add these images, or take their rows out.",
+            "Add these images, or remove their rows.",
         )
     return [poses[name] for name in names]
 

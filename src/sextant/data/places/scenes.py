@@ -70,7 +70,7 @@ class Scenes(ImageSource):
         if both := set(self.references) & set(self.queries):
             raise UserError(
                 f"references and queries share {', '.join(sorted(both))}: test images would be training images",
-                "Take it out of one of them.",
+                "Remove it from one of them.",
             )
         if spacing < 1 or neighbours < 0:
             raise UserError(
@@ -157,7 +157,7 @@ class Scenes(ImageSource):
                 raise UserError(
                     f"{key}={list(names)}: the {self.split} split of {self.name} has no {', '.join(absent)}; "
                     f"it has {', '.join(there)}",
-                    "Choose of these.",
+                    "Choose from these.",
                 )
 
     @cached_property
@@ -177,16 +177,16 @@ class Scenes(ImageSource):
             raise UserError(
                 f"spacing={self.spacing} frames with neighbours={self.neighbours}: images of one scene lie within "
                 f"{self.tolerance.name} of the next",
-                "No spacing works here: take fewer neighbours, or a smaller tolerance."
+                "No spacing works here: use fewer neighbours or a smaller tolerance."
                 if works is None
-                else f"The least spacing that works here: spacing={works}",
+                else f"The smallest spacing that works here: spacing={works}",
             )
         if len(found.examples) < 2:
             left_out = "".join(f"\n  {text}" for text in found.left_out[:5])
             raise UserError(
                 f"spacing={self.spacing}, neighbours={self.neighbours}: {len(found.examples)} scenes in "
                 f"{len(self._drive.along)} frames, and recognition needs two{left_out}",
-                "Take a smaller spacing, fewer neighbours, or a longer drive.",
+                "Use a smaller spacing, fewer neighbours, or a longer drive.",
             )
         return found
 

@@ -25,7 +25,7 @@ def check_headings(images: PlaceImages, split: str, tolerance: PlaceTolerance, k
         raise UserError(
             f"{key}.{tolerance.unit}.heading_deg={tolerance.heading_deg:g}, but {len(unknown):,} of {len(images):,} "
             f"{split} images have no heading\n{problem_list([images.names[row] for row in unknown])}",
-            f"Give all of them one, or look at no heading: {key}.{tolerance.unit}.heading_deg=null",
+            f"Give each a heading, or ignore headings: {key}.{tolerance.unit}.heading_deg=null",
         )
 
 
@@ -53,7 +53,7 @@ def check_search(images: PlaceImages, split: str, tolerance: PlaceTolerance) -> 
         raise UserError(
             f"none of {len(rows):,} {split} images of {', '.join(queries)} has its place among the images of "
             f"{reference}, within {tolerance.name}",
-            f"Widen {key}.{tolerance.unit}.positive, or look at the poses: both must be in one frame, in metres.",
+            f"Widen {key}.{tolerance.unit}.positive, or check the poses: both must be in the same frame, in metres.",
         )
 
 

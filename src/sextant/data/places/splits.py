@@ -105,7 +105,7 @@ class ConditionSplit:
         if both:
             raise UserError(
                 f"task.train_conditions and task.test_conditions share {', '.join(sorted(both))}",
-                f"Take it out of one of them, or name the map's condition: task.shared_conditions=[{min(both)}]",
+                f"Remove it from one of them, or name the map's condition: task.shared_conditions=[{min(both)}]",
             )
 
     def of_split(self, split: Split) -> tuple[str, ...] | None:
@@ -140,7 +140,7 @@ class ConditionSplitSource:
             raise UserError(
                 f"{key}={list(chosen)}: the {split} split of dataset={self.name} has no {', '.join(absent)}; "
                 f"it has {', '.join(there)}",
-                "Choose of these, the map's first, or null for all.",
+                "Choose from these, the map's first, or null for all.",
             )
         return chosen
 

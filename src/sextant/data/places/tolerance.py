@@ -44,7 +44,7 @@ class PlaceTolerance:
         if self.heading_deg is not None and not 0 < self.heading_deg <= 180:
             raise UserError(
                 f"tolerance.heading_deg={self.heading_deg:g} must be above 0 and at most 180",
-                "tolerance.heading_deg=null looks at no heading.",
+                "tolerance.heading_deg=null ignores headings.",
             )
 
     @property

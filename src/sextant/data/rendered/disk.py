@@ -24,7 +24,7 @@ class DiskFullError(UserError):
         """The error for a folder that should take ``needed`` more bytes."""
         return cls(
             f"the disk is full: {folder} needs {readable(needed)} more, {readable(free_bytes(folder))} is free",
-            "What was rendered is kept. Free some space and give the same command again: it resumes. "
+            "What was rendered is kept. Free some space and repeat the command: it resumes. "
             "Another disk: paths.cache=/path",
         )
 

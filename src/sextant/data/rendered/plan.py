@@ -116,7 +116,7 @@ def check_plan(plan: RenderPlan) -> None:
         ValueError: its parts contradict each other, which is a mistake in the dataset's code.
     """
     if plan.count < 1:
-        raise UserError(f"dataset {plan.name}: its config describes no item at all")
+        raise UserError(f"dataset {plan.name}: its config describes no items")
     for name in (plan.name, *plan.arrays, *plan.columns):
         if not NAME.fullmatch(name):
             raise ValueError(f"{plan.name}: {name!r} names a file; letters, digits, _ and - are allowed")

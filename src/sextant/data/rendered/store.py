@@ -232,7 +232,7 @@ class RenderedStore:
             return 0
         if self._plan is None:
             raise UserError(
-                f"{self.directory}: {self.rendered:,} of {len(self):,} items are rendered, and others are asked for",
+                f"{self.directory}: {self.rendered:,} of {len(self):,} items are rendered, but others are requested",
                 f"sextant data render dataset={self.manifest.name} renders the rest.",
             )
         made = 0

@@ -76,7 +76,7 @@ def verify_store(directory: Path | str, progress: Callable[[int, int], None] | N
     """
     layout = StoreLayout(Path(directory).absolute())
     if not is_store(layout.path):
-        raise UserError(f"{directory} is not a rendered dataset", "sextant data list shows those there are")
+        raise UserError(f"{directory} is not a rendered dataset", "sextant data list shows the existing ones")
     try:
         manifest = read_manifest(layout.path)
     except DamagedStoreError as error:

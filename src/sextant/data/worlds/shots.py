@@ -257,6 +257,7 @@ def read_conditions(conditions: list[Any]) -> tuple[list[str], list[Appearance]]
         raise UserError("dataset.conditions is empty", "Name at least one, say [summer_noon].")
     if len(set(names)) < len(names):
         raise UserError(
-            f"dataset.conditions has two of one name: {names}", "Give one of them a name: {name: ..., condition: ...}."
+            f"dataset.conditions has a duplicate name: {names}",
+            "Give one of them another name: {name: ..., condition: ...}.",
         )
     return names, looks

@@ -31,7 +31,7 @@ def factor_conditions(base: str, factors: Mapping[str, Sequence[float]]) -> list
         with_factors(look, dict.fromkeys([factor], values[0]))  # there is such a factor
         names = [f"{factor}={value:g}" for value in values]
         if len(set(names)) < len(names):
-            raise UserError(f"dataset.factors.{factor}={list(values)}: each value once, in six digits")
+            raise UserError(f"dataset.factors.{factor}={list(values)}: each value must occur once, to six digits")
         own = f"{factor}={getattr(look, factor):g}"
         conditions += [
             {"name": name, "condition": base, factor: value}
@@ -40,12 +40,12 @@ def factor_conditions(base: str, factors: Mapping[str, Sequence[float]]) -> list
         ]
     if len(conditions) == 2:
         raise UserError(
-            f"dataset.factors={dict(factors)} has no value beside those of {base}, which the map has",
+            f"dataset.factors={dict(factors)} has no values other than those of {base}, which the map has",
             "For example 'dataset.factors.fog_per_m=[0.01,0.04]'",
         )
     if len(conditions) > MOST_CONDITIONS:
         raise UserError(
-            f"dataset.factors has {len(conditions) - 2} values in all; {MOST_CONDITIONS - 2} are possible",
+            f"dataset.factors has {len(conditions) - 2} values in all; at most {MOST_CONDITIONS - 2} are possible",
             "Render the factors in two datasets.",
         )
     return conditions
@@ -110,7 +110,7 @@ class TownFactors(TownSeasons):
         factors, only = self.config["factors"], self.config["only"]
         if unknown := sorted(set(only or ()) - set(factors)):
             raise UserError(
-                f"dataset.only names {', '.join(unknown)}, which dataset.factors has no values of",
+                f"dataset.only names {', '.join(unknown)}, which have no values in dataset.factors",
                 f"Choose among {', '.join(factors)}, or give values: +dataset.factors.{unknown[0]}=[...]",
             )
         return {name: list(values) for name, values in factors.items() if only is None or name in only}

@@ -74,7 +74,7 @@ class CorruptionErrors:
 def error_rate(predictions: Integer[ndarray, "n"], labels: Integer[ndarray, "n"]) -> float:
     """Share of predictions that are wrong; ``ValueError`` without any or if the lengths differ."""
     if len(labels) == 0 or predictions.shape != labels.shape:
-        raise ValueError(f"need one prediction a label and at least one, got {len(predictions)} and {len(labels)}")
+        raise ValueError(f"need one prediction per label and at least one, got {len(predictions)} and {len(labels)}")
     return float(np.mean(predictions != labels))
 
 

@@ -178,7 +178,9 @@ def align(
     middle, centre = target.mean(axis=0), source.mean(axis=0)
     left, values, right = np.linalg.svd((target - middle).T @ (source - centre) / len(target))
     if np.count_nonzero(values > np.finfo(float).eps) < len(middle) - 1:
-        raise ValueError("the positions of a trajectory leave open how to align it: they lie in a line or a point")
+        raise ValueError(
+            "the positions of a trajectory do not determine its alignment: they lie on a line or in a point"
+        )
     signs = np.ones(len(middle))
     signs[-1] = np.sign(np.linalg.det(left) * np.linalg.det(right))
     rotation = left * signs @ right

@@ -33,11 +33,11 @@ class Positives:
         if len(self.starts) < 1 or self.starts[0] != 0 or self.starts[-1] != len(self.indices):
             raise ValueError("starts must begin with 0 and end with the number of indices")
         if (np.diff(self.starts) < 0).any():
-            raise ValueError("starts must not fall")
+            raise ValueError("starts must not decrease")
         if len(self.indices) and not 0 <= self.indices.min() <= self.indices.max() < self.references:
             raise ValueError(f"positives must be in [0, {self.references}), the indices of the references")
         if (np.diff(self._keys) <= 0).any():
-            raise ValueError("the positives of a query must rise and be distinct")
+            raise ValueError("the positives of a query must be ascending and distinct")
 
     @classmethod
     def from_mask(cls, mask: Bool[ndarray, "m n"]) -> Self:
@@ -109,7 +109,7 @@ class Positives:
             ValueError: the neighbours are not of these queries, or not indices of these references.
         """
         if neighbours.ndim != 2 or len(neighbours) != len(self):
-            raise ValueError(f"need neighbours of {len(self)} queries, one a row; got {neighbours.shape}")
+            raise ValueError(f"need neighbours of {len(self)} queries, one per row; got {neighbours.shape}")
         if neighbours.size and not 0 <= neighbours.min() <= neighbours.max() < self.references:
             raise ValueError(f"neighbours must be in [0, {self.references}), the indices of the references")
         wanted = np.arange(len(self))[:, None] * self.references + neighbours

@@ -121,10 +121,11 @@ class Cosfire(FilterParts):
                 f"Choose x from 0 to {width - 1} and y from 0 to {height - 1}.",
             )
         if not image.isfinite().all():
-            raise UserError("the prototype has values that are not finite", "Choose another image, or mend this one.")
+            raise UserError("the prototype has values that are not finite", "Choose another image, or repair this one.")
         if (image.amin((2, 3)) == image.amax((2, 3))).all():
             raise UserError(
-                "the prototype is of one colour: there is nothing to configure a filter from", "Choose another image."
+                "the prototype has a single colour: there is nothing to configure a filter from",
+                "Choose another image.",
             )
         with torch.no_grad():
             forms = list(self._forms(image, (x, y)))
@@ -156,7 +157,7 @@ class Cosfire(FilterParts):
             UserError: as :meth:`forward`.
         """
         if tiles < 1:
-            raise ValueError(f"maxima need one tile of a side or more, got {tiles}")
+            raise ValueError(f"maxima need at least one tile per side, got {tiles}")
         plan = self._plan()
         trained = torch.is_grad_enabled() and (images.requires_grad or any(p.requires_grad for p in self.parameters()))
         compiled = images.device.type == "cpu" and images.dtype in (torch.float32, torch.float64)
@@ -180,7 +181,7 @@ class Cosfire(FilterParts):
             raise UserError("no part of the filter is left", "Keep at least one.")
         if len(forms) > 1 and not isinstance(self.bank, SteerableBank):
             raise UserError(
-                f"each of the filter's {len(forms)} forms has parts of its own, from a moved prototype",
+                f"each of the filter's {len(forms)} forms has its own parts, from a transformed prototype",
                 "Use no tolerance, or a bank that is steerable.",
             )
         last = self.filter_of_form[self.form] == number

@@ -99,7 +99,7 @@ def _rectified(features: nn.Module, images: Tensor, size: int) -> Tensor:
             "Give images with the channels it was made for, and not smaller than it can take.",
         ) from error
     if maps.ndim != 4 or maps.shape[1] != size:
-        raise ValueError(f"the features are {tuple(maps.shape)}, the bank was told of (b, {size}, y, x)")
+        raise ValueError(f"the features are {tuple(maps.shape)}, the bank expects (b, {size}, y, x)")
     return maps.clamp(min=0)
 
 

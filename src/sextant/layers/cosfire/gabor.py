@@ -127,7 +127,7 @@ class GaborBank(SteerableBank):
             raise UserError(
                 f"at scale {move.scale:g} Gabor filters have wavelengths down to "
                 f"{float(channels[:, 0].min()) * move.scale:g} pixels, and must be above 2",
-                "Tolerate less small scales, or give the bank longer wavelengths.",
+                "Tolerate fewer small scales, or give the bank longer wavelengths.",
             )
         theta = math.pi - channels[:, 1] if move.mirrored else channels[:, 1]
         whole = math.pi if self.symmetric else 2 * math.pi

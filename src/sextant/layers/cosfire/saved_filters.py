@@ -90,7 +90,7 @@ def load_filters(path: Path, bank: Bank | None, make: Callable[..., F]) -> F:
         problem = (str(error) or type(error).__name__).splitlines()[0]
         raise UserError(
             f"{path} cannot be read as COSFIRE filters: {problem}",
-            "Give a file that Cosfire.save wrote; configure the filters anew, or copy the file again.",
+            "Give a file that Cosfire.save wrote; configure the filters again, or copy the file again.",
         ) from error
 
 
@@ -103,7 +103,7 @@ def _built(
     if bank is None:
         if name not in BANKS:
             raise UserError(
-                f"the filters of {path} look through a {name}, whose network is not in the file",
+                f"the filters of {path} use a {name}, whose network is not in the file",
                 "Give it: Cosfire.load(path, bank=...).",
             )
         bank = BANKS[name](**_tuples(options))
@@ -124,7 +124,7 @@ def _built(
     _check(arrays)
     missing, unexpected = filters.load_state_dict(arrays, strict=False)
     if unexpected or any("." not in key for key in missing):  # those of a network within the bank are not in the file
-        raise ValueError(f"arrays are missing or too many: {[*missing, *unexpected]}")
+        raise ValueError(f"missing or unexpected arrays: {[*missing, *unexpected]}")
     return filters
 
 
@@ -149,7 +149,7 @@ def _check(arrays: dict[str, Tensor]) -> None:
     for numbers, parts in ((arrays["form"], count), (forms, len(forms))):
         steps = torch.diff(numbers, prepend=numbers.new_tensor([-1]))
         if numbers.dtype != torch.int64 or len(numbers) != parts or bool(((steps != 0) & (steps != 1)).any()):
-            raise ValueError("parts do not stand in order")
+            raise ValueError("parts are not in order")
     if (int(arrays["form"].max()) + 1 if count else 0) != len(forms):
         raise ValueError("parts without a filter")
     if not all(bool(array.isfinite().all()) for array in arrays.values()):

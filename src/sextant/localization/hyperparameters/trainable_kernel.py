@@ -96,8 +96,8 @@ class TrainableKernel(nn.Module):
         variance = mean_variance(descriptors)
         if not variance > 0:
             raise UserError(
-                f"the map's {len(poses)} descriptors are all alike, so nothing tells its places apart",
-                "Choose another descriptor, or look at the images of the map.",
+                f"the map's {len(poses)} descriptors are all equal, so its places cannot be told apart",
+                "Choose another descriptor, or check the images of the map.",
             )
         rows = poses.detach().cpu().numpy().astype(np.float64)
         length = STEPS_OF_LENGTH * nearest_distance(rows[:, :2])

@@ -144,6 +144,6 @@ def factor_of(kernel: PoseKernel, poses: Float64[Tensor, "m 3"]) -> Float64[Tens
         if not failed:
             return factor
     raise UserError(
-        f"the covariance of {len(poses)} inducing poses cannot be factorised: they stand too close together",
+        f"the covariance of {len(poses)} inducing poses cannot be factorised: they are too close together",
         "Use fewer inducing poses, or shorten the kernel's lengths.",
     )

@@ -42,7 +42,7 @@ class ExactGP(ObservationModel):
         if n > self.max_images:
             raise ArgumentError(
                 f"the map has {n} images, more than max_images={self.max_images} that an exact Gaussian "
-                f"process is to take: it would need {16e-9 * n * n:.1f} GB",
+                f"process may take: it would need {16e-9 * n * n:.1f} GB",
                 "Choose CachedLocalGP, thin the map, or raise max_images.",
             )
         factor = noisy_factor(self.kernel(self.map.poses, self.map.poses), self.kernel.noise_variance)

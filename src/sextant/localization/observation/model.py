@@ -111,7 +111,7 @@ class ObservationModel(ABC):
             raise UserError(
                 f"descriptors of {descriptors.shape[1]} values cannot be compared with the map's, which have "
                 f"{self.map.dimension}",
-                "Describe the images with the descriptor that the map was built with, or build the map anew.",
+                "Describe the images with the descriptor that the map was built with, or rebuild the map.",
             )
 
 

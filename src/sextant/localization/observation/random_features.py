@@ -47,7 +47,7 @@ class RandomFeatures(FeatureRegression):
     def __init__(self, features: int = 512, seed: int = 0):
         if features < 2 or features % 2:
             raise ArgumentError(
-                f"features={features} must be even and at least 2: waves come as cosine and sine",
+                f"features={features} must be even and at least 2: each wave has a cosine and a sine",
                 "Set features=512.",
             )
         self.features, self.seed = features, seed

@@ -63,7 +63,7 @@ class SKI(ObservationModel):
     def __init__(self, spacing: float = 0.5, rank: int = 200, seed: int = 0):
         if not 0 < spacing <= 1:
             raise ArgumentError(
-                f"spacing={spacing} must be above 0 and at most 1 length of the kernel",
+                f"spacing={spacing} must be above 0 and at most 1 kernel length",
                 "Set spacing=0.5.",
             )
         if rank < 2:

@@ -1,4 +1,4 @@
-"""Which methods of recognition are compared, and how their machines are fitted."""
+"""Which methods of recognition are compared, and how their SVMs are fitted."""
 
 from dataclasses import dataclass, field
 
@@ -9,22 +9,22 @@ from sextant.tasks.cosfire.methods import OF_NETWORK, Method
 
 @dataclass(frozen=True)
 class Comparison:
-    """What is compared, and how machines are fitted.
+    """What is compared, and how SVMs are fitted.
 
     Attributes:
         methods: see :data:`~sextant.tasks.cosfire.methods.METHODS`.
-        prices: of an error, among which tuning images choose; a single one needs none.
-        scalings: of what machines see, among which they choose too.
-        choose_among: examples of which machines are made while prices are compared.
+        c_values: of C, among which tuning images choose; a single one needs none.
+        scalings: of the features of an SVM, chosen likewise.
+        choose_among: examples that SVMs are fitted to while values of C are compared.
         network_answers: the network was trained for the classes that are tested.
-        logarithms: machines see logarithms of the filters' maxima.
-        tiles: of a side of the image, for the method ``tiled_svm``.
+        logarithms: SVMs see logarithms of the filters' maxima.
+        tiles: per side of the image, for the method ``tiled_svm``.
         fine_tuning: of a copy of the filters, for the methods ``cosfire_tuned`` and ``layer_tuned``; without epochs
             there are none.
     """
 
     methods: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "strongest_filter", *OF_NETWORK)
-    prices: tuple[float, ...] = (1.0, 10.0, 100.0)
+    c_values: tuple[float, ...] = (1.0, 10.0, 100.0)
     scalings: tuple[Scaling, ...] = SCALINGS
     choose_among: int = 1500
     logarithms: bool = False

@@ -49,8 +49,8 @@ REPRESENTATIONS: dict[Method, Representation] = {
     "cosfire_tuned": "tuned",
     "layer_tuned": "maxima",
 }
-#: those that are a support vector machine
-MACHINES: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "full_svm", "pooled_svm")
+#: those that are an SVM
+SVMS: tuple[Method, ...] = ("cosfire_svm", "tiled_svm", "full_svm", "pooled_svm")
 #: those of them that see the filters' maxima
 OF_MAXIMA: tuple[Method, ...] = ("cosfire_svm", "tiled_svm")
 #: those of fine-tuning
@@ -67,20 +67,20 @@ def svm_of(
     examples: tuple[Float[Tensor, "n d"], Int64[Tensor, "n"]],
     tuning: tuple[Float[Tensor, "m d"], Int64[Tensor, "m"]],
     count: int,
-    prices: tuple[float, ...],
+    c_values: tuple[float, ...],
     scalings: tuple[Scaling, ...],
     choose_among: int,
     seed: int,
 ) -> LinearSVM:
-    """A machine for the examples; tuning images choose price and scaling with at most ``choose_among`` examples."""
+    """An SVM for the examples; tuning images choose C and scaling with at most ``choose_among`` examples."""
     features, labels = (
         values.double().numpy() if values.is_floating_point() else values.numpy() for values in examples
     )
     held = tuple(values.double().numpy() if values.is_floating_point() else values.numpy() for values in tuning)
-    if len(prices) * len(scalings) == 1:
-        return LinearSVM.fit(features, labels, count, prices[0], seed, scalings[0])
+    if len(c_values) * len(scalings) == 1:
+        return LinearSVM.fit(features, labels, count, c_values[0], seed, scalings[0])
     rows = np.random.default_rng(seed).permutation(len(labels))[:choose_among]
-    few = LinearSVM.choose((features[rows], labels[rows]), held, count, prices, seed, scalings)  # type: ignore[arg-type]
+    few = LinearSVM.choose((features[rows], labels[rows]), held, count, c_values, seed, scalings)  # type: ignore[arg-type]
     return few if len(rows) == len(labels) else LinearSVM.fit(features, labels, count, few.c, seed, few.scaling)
 
 

@@ -27,12 +27,12 @@ from sextant.tasks.cosfire.filter_prototypes import Prototypes, PrototypeSetting
 from sextant.tasks.cosfire.fine_tuning import LinearLayer, TunedLayer, fine_tune, log_maxima, tune_layer
 from sextant.tasks.cosfire.learnt_later import LearntLater
 from sextant.tasks.cosfire.methods import (
-    MACHINES,
     NEAREST_AMONG,
     OF_EXAMPLES,
     OF_MAXIMA,
     OF_NETWORK,
     REPRESENTATIONS,
+    SVMS,
     TUNED,
     Method,
     Representation,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 class CosfireRecognition(pl.LightningModule):
-    """Trains a network, if there is one to train; then configures filters and fits machines to the examples.
+    """Trains a network, if there is one to train; then configures filters and fits SVMs to the examples.
 
     Args:
         filters: makes the filters, from the feature map of the network or without.
@@ -106,7 +106,7 @@ class CosfireRecognition(pl.LightningModule):
         tuned = TUNED if self.tuned is not None else ()
         self.tuned_layers = nn.ModuleDict({name: LearntLater("weights", "bias", "losses") for name in tuned})
         self.machines = nn.ModuleDict(
-            {name: LearntLater("weights", "bias", "price", "scaling") for name in MACHINES if name in self.methods}
+            {name: LearntLater("weights", "bias", "price", "scaling") for name in SVMS if name in self.methods}
         )
         self.result: RecognitionResult | None = None
         self._validation: list[Tensor] = []
@@ -183,12 +183,12 @@ class CosfireRecognition(pl.LightningModule):
             least = positive.min().reshape(1) if len(positive) else torch.ones(1)
             self.prototypes.keep(**{f"least_{kind}": least})
         self.prototypes.keep(own=self._own_responses(found, seen, of_examples))
-        choosing = bool(len(tuning)) and len(self.comparison.prices) * len(self.comparison.scalings) > 1
+        choosing = bool(len(tuning)) and len(self.comparison.c_values) * len(self.comparison.scalings) > 1
         for name, machine in self.machines.items():
             known = self._features_of(name, examples.images, of_examples)  # type: ignore[arg-type]
             held = self._features_of(name, tuning.images, of_tuning) if choosing else known[:0]  # type: ignore[arg-type]
             logarithmic = self.comparison.logarithms and name in OF_MAXIMA
-            fitted = self._machine((known, examples.labels), (held, tuning.labels), logarithmic=logarithmic)
+            fitted = self._fit_svm((known, examples.labels), (held, tuning.labels), logarithmic=logarithmic)
             machine.keep(  # type: ignore[operator]
                 weights=torch.from_numpy(fitted.weights),
                 bias=torch.from_numpy(fitted.bias),
@@ -207,7 +207,7 @@ class CosfireRecognition(pl.LightningModule):
             return error
         return UserError(
             f"{error.problem}; the network has learnt little, its validation accuracy is {100 * float(accuracy):.0f} %",
-            f"Train it longer or otherwise: trainer.max_epochs, optimizer.lr, optimizer. {error.fix}",
+            f"Train it longer or differently: trainer.max_epochs, optimizer.lr, optimizer. {error.fix}",
         )
 
     def _own_responses(
@@ -219,13 +219,13 @@ class CosfireRecognition(pl.LightningModule):
             return maxima[found.images, torch.arange(len(self.filters))]
         return own_responses(self.filters, seen[found.images])
 
-    def _machine(
+    def _fit_svm(
         self, examples: tuple[Tensor, Tensor], tuning: tuple[Tensor, Tensor], *, logarithmic: bool
     ) -> LinearSVM:
         """Logarithms have no length that would mean something: of them ``unit`` is no scaling."""
         chosen = self.comparison
         scalings = tuple(scaling for scaling in chosen.scalings if not (logarithmic and scaling == "unit")) or ("all",)
-        return svm_of(examples, tuning, len(self.classes), chosen.prices, scalings, chosen.choose_among, self.seed)
+        return svm_of(examples, tuning, len(self.classes), chosen.c_values, scalings, chosen.choose_among, self.seed)
 
     def _fitted(self, method: Method) -> LinearSVM:
         kept = self.machines[method]
@@ -236,8 +236,8 @@ class CosfireRecognition(pl.LightningModule):
         """Train a copy of the filters on, from the machine of their log-maxima; as a control that machine alone."""
         assert self.tuned is not None
         seen = (log_maxima(maxima), examples.labels), (log_maxima(held[0]), held[1])
-        machine = self._machine(*seen, logarithmic=True)
-        start = LinearLayer(torch.from_numpy(machine.weights), torch.from_numpy(machine.bias))
+        svm = self._fit_svm(*seen, logarithmic=True)
+        start = LinearLayer(torch.from_numpy(svm.weights), torch.from_numpy(svm.bias))
         settings = self.comparison.fine_tuning
 
         def order() -> torch.Generator:
@@ -405,7 +405,7 @@ class CosfireRecognition(pl.LightningModule):
         return {"labels": self.result.labels, **answers, **conditions}
 
     def facts(self) -> dict[str, Any]:
-        """How many filters, parts and weights there are, and how each machine was fitted.
+        """How many filters, parts and weights there are, and how each SVM was fitted.
 
         Weights are those of the network; of its feature map, a copy, if that is another run's.
         """

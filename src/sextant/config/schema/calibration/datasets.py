@@ -28,7 +28,7 @@ class TownPanoramas(Part):
             if getattr(self.towns, split) > getattr(self.images, split):
                 raise ValueError(
                     f"dataset.towns.{split}={getattr(self.towns, split)} is more than dataset.images.{split}="
-                    f"{getattr(self.images, split)}: a town needs a panorama"
+                    f"{getattr(self.images, split)}: each town needs a panorama"
                 )
         return self
 

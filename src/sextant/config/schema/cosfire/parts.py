@@ -11,7 +11,7 @@ Border = Literal["zeros", "replicate", "reflect", "circular"]
 
 
 class Features(Node):
-    """The feature map that filters and machines look at."""
+    """The feature map that filters and SVMs use."""
 
     run: str | None = Field(examples=["3f9a1c2e-s0"])
     layer: str | None = Field(examples=["conv2"])

@@ -201,6 +201,6 @@ class OffTheShelf(Node):
     def _whose_weights(self) -> Self:
         if self.network is None and self.weights == "imagenet":
             raise ValueError(
-                "task.off_the_shelf.weights=imagenet: of which network? For example network: alexnet, layer: features.7"
+                "task.off_the_shelf.weights=imagenet needs a network, for example network: alexnet, layer: features.7"
             )
         return self

@@ -77,6 +77,6 @@ def stretch_at(frame: float | int, length: int, drive: Drive, name: str) -> slic
     if length < 1 or first + length > len(drive):
         raise UserError(
             f"{name}.length={length} from frame {first} on: {drive.name} has {len(drive)} frames",
-            f"{name}.length={max(1, len(drive) - first)} at the most",
+            f"{name}.length={max(1, len(drive) - first)} at most",
         )
     return slice(first, first + length)

@@ -79,7 +79,7 @@ class WrongSeasonMap(Fault):
             there = f"there is one under {', '.join(others)}" if others else "there is none"
             raise UserError(
                 f"fault.condition={self.condition}: the dataset has no map under {self.condition}; {there}, "
-                f"beside that under {data.map.condition}",
+                f"in addition to that under {data.map.condition}",
                 "Choose among these, or give the conditions of the dataset in another order: the first is the map's.",
             )
         test = tuple(drive for drive in data.test if drive.condition != self.condition)

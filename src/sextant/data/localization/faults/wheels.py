@@ -78,5 +78,5 @@ class MissingOdometry(Fault):
 
 def _motion(drive: Drive) -> Float64[ndarray, "n 3"]:
     if drive.motion is None:
-        raise UserError(f"{drive.name} has no odometry that could be wrong", "fault=none")
+        raise UserError(f"{drive.name} has no odometry to corrupt", "fault=none")
     return drive.motion
