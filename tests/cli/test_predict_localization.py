@@ -223,6 +223,14 @@ def test_a_run_without_a_map_and_a_damaged_one(office, photos, tmp_path):
         predict.main([f"run={run}", f"input={photos}", f"output={tmp_path / 'out'}"])
 
 
+def test_a_localizer_opens_by_the_name_of_its_run(office, tmp_path):
+    outputs = office.folder.parents[2]
+    by_name, by_folder = Localizer.load(office.folder.name, outputs=outputs), Localizer.load(office.folder)
+    assert by_name.descriptor.identity == by_folder.descriptor.identity
+    with pytest.raises(UserError, match="there is no such folder"):
+        Localizer.load(office.folder.name, outputs=tmp_path)
+
+
 def test_the_run_keeps_trajectories_and_an_animation(office):
     names = {path.relative_to(office.folder).as_posix() for path in office.folder.rglob("*") if path.is_file()}
     assert {"trajectories/summer_noon_estimate.tum", "trajectories/summer_noon_truth.tum"} <= names

@@ -34,6 +34,7 @@ from sextant.localization.observation import ObservationModel
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
+from sextant.runs.outputs_folder import default_outputs
 
 #: how independent one image's evidence is taken to be, where no traverse tells
 TEMPERING = 0.125
@@ -225,6 +226,7 @@ class Localizer:
         folder: Path | str,
         run: Path | str | None = None,
         *,
+        outputs: Path | str | None = None,
         descriptor: Describes | None = None,
         motion: MotionModel | None = None,
         recovery: Recovery | None = None,
@@ -241,8 +243,9 @@ class Localizer:
         :meth:`from_images`, and takes vectors unless a descriptor is given.
 
         Args:
-            folder: of the run, or of the map.
+            folder: an MLflow run id, a run directory or its name, or the folder of a map.
             run: of place recognition, whose network is to describe images: to be sure that it is the map's.
+            outputs: folder of runs; where runs are written unless given.
             descriptor: of images, for a map whose own could not be kept.
             motion, recovery, radius: in place of the map's own.
             particles: None for as many as the map was tested with.
@@ -253,8 +256,9 @@ class Localizer:
         Raises:
             UserError: there is no map, it is damaged, or its descriptors are of another run.
         """
+        where = default_outputs() if outputs is None else Path(outputs).expanduser()
         parts = open_localizer(
-            Path(folder), run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
+            folder, where, run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
         )
         given = {"radius": radius, "particles": particles}
         parts |= {name: value for name, value in given.items() if value is not None}

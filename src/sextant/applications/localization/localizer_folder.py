@@ -15,6 +15,7 @@ from sextant.applications.kept_descriptor import (
     kept_network,
     load_descriptor,
 )
+from sextant.applications.localization.found_map import MAP, find_map
 from sextant.applications.localization.kept_filter import filter_of, filter_values, usual_filter
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
 from sextant.errors import UserError
@@ -27,8 +28,6 @@ from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 
-#: of a run's folder
-MAP = "map"
 DESCRIPTOR = "descriptor"
 #: of the mode that is told, for a map that names none: metres
 RADIUS = 1.0
@@ -71,7 +70,8 @@ def map_folder(folder: Path) -> Path:
 
 
 def open_localizer(
-    folder: Path,
+    folder: Path | str,
+    outputs: Path,
     *,
     run: Path | str | None = None,
     descriptor: Describes | None = None,
@@ -81,7 +81,7 @@ def open_localizer(
     trust: bool = False,
 ) -> dict[str, Any]:
     """The arguments of the ``Localizer`` that was saved; see :meth:`sextant.Localizer.load`."""
-    folder = map_folder(folder.expanduser())
+    folder = find_map(folder, outputs) or map_folder(Path(folder).expanduser())
     saved = load_map(folder, verify=verify)
     settings = saved.facts.get("localizer")
     if settings is None:

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from sextant.cli.localizing.options import KEYS, OUTPUT, localization_map, options_from
+from sextant.applications.localization.found_map import find_map
+from sextant.cli.localizing.options import KEYS, OUTPUT, options_from
 from sextant.cli.output_folder import make_output
 from sextant.cli.predict_handler import Handler, Trained, outputs_of
 from sextant.errors import UserError
@@ -23,14 +24,14 @@ class Localization(Handler):
 
     def claims(self, given: Mapping[str, str]) -> bool:
         """Whether ``run=`` names a map: no checkpoint is needed then."""
-        return "run" in given and localization_map(given["run"], outputs_of(given)) is not None
+        return "run" in given and find_map(given["run"], outputs_of(given)) is not None
 
     def predict(self, given: Mapping[str, str]) -> None:
         """Localize images in the map."""
         options = options_from(given)
         output = Path(given.get("output", OUTPUT)).expanduser()
         make_output(output)
-        folder = localization_map(given["run"], outputs_of(given))
+        folder = find_map(given["run"], outputs_of(given))
         assert folder is not None
         from sextant.cli.localizing.predict import predict_poses
 

@@ -1,10 +1,11 @@
-"""What a user may choose of the calibration of photos; imports nothing but the standard library."""
+"""What a user may choose of the calibration of photos; imports nothing heavy."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from sextant.cli.arguments import one_of
 from sextant.errors import UserError
 
 KEYS = {
@@ -37,13 +38,8 @@ def options_from(given: Mapping[str, str]) -> CalibrationOptions:
     Raises:
         UserError: a value is not one of those allowed.
     """
-    for key, allowed in (("undistort", get_args(Undistort)), ("camera", get_args(Cameras))):
-        if given.get(key, allowed[0]) not in allowed:
-            raise UserError(
-                f"{key}={given[key]} must be one of {', '.join(allowed)}", f"For example {key}={allowed[0]}"
-            )
-    undistort, camera = given.get("undistort", "crop"), given.get("camera", "each")
-    return CalibrationOptions(undistort, camera, _prior(given.get("focal_prior", "none")))  # type: ignore[arg-type]  # checked above
+    undistort, camera = one_of(given, "undistort", get_args(Undistort)), one_of(given, "camera", get_args(Cameras))
+    return CalibrationOptions(undistort, camera, _prior(given.get("focal_prior", "none")))
 
 
 def _prior(text: str) -> float | Literal["exif"] | None:

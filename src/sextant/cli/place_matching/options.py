@@ -1,10 +1,11 @@
-"""What a user may choose of the matching of places; imports nothing but the standard library."""
+"""What a user may choose of the matching of places; imports nothing heavy."""
 
 import math
 from collections.abc import Mapping
 from typing import get_args
 
 from sextant.applications.places.options import KnownBy, PlaceOptions
+from sextant.cli.arguments import one_of, whole
 from sextant.errors import UserError
 
 INPUTS = {
@@ -27,26 +28,13 @@ def options_from(given: Mapping[str, str]) -> PlaceOptions:
     Raises:
         UserError: a value is not one of those allowed.
     """
-    for key, allowed in (("places", get_args(KnownBy)), ("descriptors", ("false", "true"))):
-        if given.get(key, allowed[0]) not in allowed:
-            raise UserError(
-                f"{key}={given[key]} must be one of {', '.join(allowed)}", f"For example {key}={allowed[1]}"
-            )
     return PlaceOptions(
-        _whole(given, "matches", 1) or PlaceOptions.matches,
-        _whole(given, "sequence", 2),
-        given.get("places", "none"),  # type: ignore[arg-type]  # checked above
+        whole(given, "matches", 1) or PlaceOptions.matches,
+        whole(given, "sequence", 2),
+        one_of(given, "places", get_args(KnownBy)),
         _distance(given),
-        given.get("descriptors") == "true",
+        one_of(given, "descriptors", ("false", "true")) == "true",
     )
-
-
-def _whole(given: Mapping[str, str], key: str, least: int) -> int | None:
-    if key not in given:
-        return None
-    if not (given[key].isascii() and given[key].isdigit() and int(given[key]) >= least):
-        raise UserError(f"{key}={given[key]} must be a whole number from {least} up", f"For example {key}=10")
-    return int(given[key])
 
 
 def _distance(given: Mapping[str, str]) -> float | None:

@@ -1,0 +1,42 @@
+"""The map that a run, or a folder, is named for; imports nothing heavy."""
+
+from pathlib import Path
+
+from sextant.atomic_files import read_json
+from sextant.errors import UserError
+from sextant.runs.resolve import resolve_run
+
+#: of a run's folder
+MAP = "map"
+HEADER, FORMAT = "map.json", "sextant.localization_map"
+
+
+def find_map(reference: Path | str, outputs: Path) -> Path | None:
+    """The folder of the map of a run of localization, or None if it names no such run.
+
+    Args:
+        reference: a folder that a map was saved to, or a run, as for :func:`~sextant.runs.resolve.resolve_run`.
+        outputs: folder of runs.
+
+    Raises:
+        UserError: the run kept no map.
+    """
+    path = Path(reference).expanduser()
+    for folder in (path, path / MAP):
+        header = read_json(folder / HEADER)
+        if isinstance(header, dict) and header.get("format") == FORMAT:
+            return folder
+    try:
+        found = resolve_run(str(reference), outputs)
+    except UserError:
+        return None  # reported where a run is needed
+    if found.directory is None or found.directory.state().get("task") != "localization":
+        return None
+    folder = found.directory.path / MAP
+    if folder.is_dir():
+        return folder
+    raise UserError(
+        f"run={reference}: the run kept no map in {folder}",
+        f"python evaluate.py run={reference} task.save_map=true writes one; then run=<the folder of that test>. "
+        "A laser's run has no map of images.",
+    )
