@@ -141,7 +141,7 @@ def read_floor(overrides: Sequence[str]) -> Floor:
     raw = to_plain(compose([*OVERRIDES, *overrides]))
     config = validate(raw)
     family = recipe_of("localization")
-    data = family.data(raw, config, family.source(raw, config))
+    data = family.data(config, family.source(config))
     assert isinstance(data, LocalizationDataModule)
     drives = data.drives
     seen = DescriptorMap.of(torch.from_numpy(drives.map.poses), _descriptors(data, drives.map))

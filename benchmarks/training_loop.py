@@ -53,10 +53,10 @@ def _plain(raw: dict) -> float:
 
     config = validate(raw)
     family = recipe_of(config)
-    source = family.source(raw, config)
+    source = family.source(config)
     began = time.monotonic()
     torch.manual_seed(config.seed)
-    data = family.data(raw, config, source)
+    data = family.data(config, source)
     data.setup("fit")
     spec = source.spec()
     network = build(

@@ -103,7 +103,7 @@ def _evaluate(command: Command, words: list[str]) -> None:
     raw = _model(MODELS.get(command.page, ()))
     _, overrides = split_run(words, command.text)
     task = raw["task"]["name"]
-    _, config = checkpoint_config({"config": raw, "task": task, "spec": {}}, overrides)
+    config = checkpoint_config({"config": raw, "task": task, "spec": {}}, overrides)
     recipe_of(task).check_parts(config)
 
 

@@ -4,6 +4,7 @@ import torch
 from cli.photo_calibration.fakes import SPREAD
 
 from sextant.composing.compose import compose, to_plain
+from sextant.config import validate
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
 from sextant.recipes import recipe_of
 from sextant.runs.checkpoint import KEY, SCHEMA_VERSION
@@ -25,7 +26,7 @@ def tiny_module():
     sizes = ["task.width=24", "task.height=18", "backbone=strided_cnn", "backbone.widths=[8,8]"]
     raw = to_plain(compose(["task=calibration", *sizes]))
     torch.manual_seed(0)
-    module = recipe_of("calibration").module(raw, tiny_spec(), training=False).eval()
+    module = recipe_of("calibration").module(validate(raw), tiny_spec(), training=False).eval()
     looks = torch.randn(100, 16, generator=torch.Generator().manual_seed(0))
     module.keep_validation(torch.linspace(0.02, 2, 100)[:, None].expand(-1, 4), looks, torch.arange(100) // 4)
     return module, raw

@@ -91,7 +91,7 @@ def office_run(tmp_path_factory):
         root = tmp_path_factory.mktemp("office")
         raw = office_config(office_cache(tmp_path_factory), root / "outputs", *SHARP)
         folder = execute(raw).directory
-        data = as_localization_source(build_dataset(raw, validate(raw))).read()
+        data = as_localization_source(build_dataset(validate(raw))).read()
         _finished.append(OfficeRun(folder, root / "outputs", data.test[0], min(40, len(data.test[0]))))
     return _finished[0]
 

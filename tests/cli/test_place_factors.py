@@ -138,7 +138,7 @@ def test_nothing_is_trained_on_it(tmp_path):
     raw = to_plain(compose(chosen))
     family, parsed = recipe_of("place_recognition"), validate(raw)
     with pytest.raises(UserError, match=r"is for tests.*\n.*evaluate\.py run=<run> dataset=town_factors"):
-        family.check(family.source(raw, parsed))
+        family.check(family.source(parsed))
 
 
 def test_weights_that_are_missing_are_told_before_training(folder, tmp_path):

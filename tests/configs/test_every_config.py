@@ -86,7 +86,7 @@ def test_composes_validates_and_builds(group, option):
     config = validate(raw)
     assert config.custom_targets() == []
     if group == "dataset":
-        assert build_dataset(raw, config).name == NAMES.get(option, option)
+        assert build_dataset(config).name == NAMES.get(option, option)
     elif group == "backbone":
         assert build(raw, group, in_channels=3, image_size=(72, 96), num_classes=10) is not None
     elif choice in ("bank=channels", "bank=vectors"):
@@ -115,7 +115,7 @@ def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
     arms = list(design.arms)
     for number in range(max(len(arms), *map(len, design.factors.values()), 1)):
         setting = {key: values[number % len(values)] for key, values in design.factors.items()}
-        config = cell_config(design, setting, arms[number % len(arms)])[2]
+        config = cell_config(design, setting, arms[number % len(arms)])[1]
         if isinstance(config.task, CosfireTask):
             check_parts(config, config.task)
 

@@ -99,7 +99,7 @@ def test_augmix_mixes_every_image_in_its_own_way_and_repeats_it():
 
 def test_fashion_mnist_has_ten_kinds_of_clothing():
     raw = to_plain(compose(["dataset=fashion_mnist"]))
-    spec = build_dataset(raw, validate(raw)).spec()
+    spec = build_dataset(validate(raw)).spec()
     assert (spec.channels, spec.height, spec.width) == (1, 28, 28)
     assert spec.classes[-1] == "ankle boot"
 

@@ -27,7 +27,7 @@ class Listening(RunReporter):
     def __init__(self):
         self.heard = []
 
-    def begin(self, raw, config, directory, passed_over, published):
+    def begin(self, config, directory, passed_over, published):
         self.heard.append(("begin", directory.path.name))
 
     def planned(self, plan, finished):

@@ -45,8 +45,8 @@ def a_densenet():
 def test_a_published_network_is_built_from_its_config(tmp_path, network, first):
     path = as_published(network, tmp_path / "checkpoint.pth.tar", push_pull=(first,) if first else ())
     content = read_trained(path)
-    raw, config = checkpoint_config(content[KEY], ["dataset.train_batches=1"])
-    model = model_from_checkpoint(raw, config, content, path)
+    config = checkpoint_config(content[KEY], ["dataset.train_batches=1"])
+    model = model_from_checkpoint(config, content, path)
     images = torch.rand(2, 3, 32, 32)
     with torch.no_grad():
         assert torch.equal(model(images), load_published(path).network(images))
@@ -60,10 +60,10 @@ def test_inhibition_elsewhere_is_refused(tmp_path):
 
 def shown(capsys, published, accuracy, tmp_path, **changes):
     """What is printed before and after the test of a network that was not trained here."""
-    raw, config = checkpoint_config(published[KEY], [f"paths.outputs={tmp_path}"])
+    config = checkpoint_config(published[KEY], [f"paths.outputs={tmp_path}"])
     directory = RunDirectory(tmp_path)
-    show_start(raw, config, directory, (), published[KEY]["published"])
-    told = published[KEY]["published"] | {"same_images": same_images(raw, config)} | changes
+    show_start(config, directory, (), published[KEY]["published"])
+    told = published[KEY]["published"] | {"same_images": same_images(config)} | changes
     results = {"metrics": {"test/accuracy/clean": accuracy}, "outcome": "finished", "parameters": 3}
     write_json(directory.metrics, results | {"published": told, "timing": {"fit_s": 0.0, "test_s": 1.0}})
     show_result(Outcome("finished", directory.path))

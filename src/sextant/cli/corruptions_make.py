@@ -214,8 +214,7 @@ def _dataset(name: str) -> "tuple[Images, NDArray[Any]]":
         raise UserError(
             f"input={name} is neither a .npy file nor a dataset", f"Datasets: {', '.join(groups()['dataset'])}"
         )
-    raw = to_plain(compose([f"dataset={name}"]))
-    source = build_dataset(raw, validate(raw))
+    source = build_dataset(validate(to_plain(compose([f"dataset={name}"]))))
     if not isinstance(source, ImageSource):
         raise UserError(f"input={name} is not a dataset of labelled images", USAGE)
     split = source.read("test")

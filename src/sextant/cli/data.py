@@ -105,13 +105,12 @@ def _render(arguments: list[str]) -> None:
 
 def _plan(overrides: Sequence[str]) -> "tuple[RenderPlan, Path]":
     """The plan of the dataset that ``overrides`` choose, and the folder of stores."""
-    raw = to_plain(compose(overrides))
-    config = validate(raw)
-    target = str(raw["dataset"]["_target_"])
+    config = validate(to_plain(compose(overrides)))
+    target = config.dataset.target
     if not _is_rendered(target):
         chosen = next(override for override in overrides if override.startswith("dataset="))
         raise UserError(f"{chosen} is not rendered: there is nothing to do", _rendered_datasets())
-    source: Any = build_dataset(raw, config)
+    source: Any = build_dataset(config)
     return source.plan(), Path(config.paths.cache)
 
 

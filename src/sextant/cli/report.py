@@ -27,15 +27,15 @@ def main(arguments: Sequence[str]) -> None:
     given = parse_arguments(arguments, KEYS, USAGE)
     if "sweep" not in given:
         raise UserError("which sweep?", USAGE)
-    if given.get("tracking", "none") != "none":
-        raise UserError(
-            f"tracking={given['tracking']}: no such choice", "tracking=none keeps the report off the parent run"
-        )
 
     from sextant.lifecycle.results import sweep_results
     from sextant.reports.sweep_report import write_report
 
     results = sweep_results(given["sweep"], given.get("outputs"))
+    if given.get("tracking", "none") != "none":
+        raise UserError(
+            f"tracking={given['tracking']}: no such choice", "tracking=none keeps the report off the parent run"
+        )
     paths = write_report(results)
     _show(results)
     console.print("\n".join(str(path) for path in paths))

@@ -17,7 +17,6 @@ from sextant.runs.directory import RunDirectory
 
 
 def show_start(
-    raw: Mapping[str, Any],
     config: Config,
     directory: RunDirectory,
     passed_over: tuple[str, ...],
@@ -32,17 +31,17 @@ def show_start(
         console.print(f"[green]resuming from {_shorter(directory.last_checkpoint)}[/]")
     rows = {
         "task": config.task.name,
-        "dataset": part_name(raw["dataset"]),
-        **recipe_of(config.task.name).summary(raw, config),
-        **({"weights": says(published)} if published is not None else _training(raw, config)),
+        "dataset": part_name(config.plain["dataset"]),
+        **recipe_of(config.task.name).summary(config),
+        **({"weights": says(published)} if published is not None else _training(config)),
         "run": _shorter(directory.path),
     }
     console.print(key_value_table("Sextant", rows))
 
 
-def _training(raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+def _training(config: Config) -> dict[str, str]:
     return {
-        "optimizer": f"{part_name(raw['optimizer'])}, {part_name(raw['schedule'])}",
+        "optimizer": f"{part_name(config.plain['optimizer'])}, {part_name(config.plain['schedule'])}",
         "training": f"{config.trainer.max_epochs} epochs of batches of {config.trainer.batch_size}, "
         f"{config.trainer.accelerator}, {config.trainer.threads} thread(s), seed {config.seed}",
     }

@@ -33,14 +33,13 @@ class Terminal(RunReporter):
 
     def begin(
         self,
-        raw: Mapping[str, Any],
         config: Config,
         directory: RunDirectory,
         passed_over: tuple[str, ...],
         published: Mapping[str, Any] | None,
     ) -> None:
         """The summary of the config."""
-        show_start(raw, config, directory, passed_over, published)
+        show_start(config, directory, passed_over, published)
 
     def training(self) -> "Sequence[Callback]":
         """A bar over all steps."""

@@ -37,11 +37,11 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
         name = next(override for override in overrides if override.startswith("sweep="))
         raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: python train.py -m {' '.join(overrides)}")
     raw = to_plain(compose(overrides))
-    require_environment(raw, checked(raw), reporter)
+    require_environment(checked(raw), reporter)
     return raw
 
 
-def require_environment(raw: Mapping[str, Any], config: Config, reporter: Reporter = SILENT) -> None:
+def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
     """Raise a ``UserError`` unless the data is there, the output folder can be written to, and the server answers."""
     from sextant.tracking.store import require_server
 
@@ -57,7 +57,7 @@ def require_environment(raw: Mapping[str, Any], config: Config, reporter: Report
             "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
         ) from None
     recipe = recipe_of(config.task.name, reporter)
-    recipe.check(recipe.source(raw, config))
+    recipe.check(recipe.source(config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
 

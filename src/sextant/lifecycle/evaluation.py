@@ -9,7 +9,6 @@ from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.composing.overrides import parse
 from sextant.config import Config, digest, nearest
-from sextant.config.trained import trained_config
 from sextant.errors import UserError
 from sextant.lifecycle.checks import require_device
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
@@ -19,6 +18,7 @@ from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 from sextant.runs.source_tree import source_sha256
+from sextant.trained.content import own_config, read_trained
 
 #: What may differ from training; the rest belongs to the weights.
 FREE = (
@@ -40,13 +40,12 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
     """
     found = resolve_run(run, _outputs(overrides))
     from sextant.runs.checkpoint import KEY
-    from sextant.trained.content import read_trained
 
     content = read_trained(found.checkpoint)
-    raw, config = checkpoint_config(content[KEY], overrides)
+    config = checkpoint_config(content[KEY], overrides)
     recipe = recipe_of(config.task.name, reporter)
-    source = recipe.source(raw, config)
-    recipe.require_fit(raw, content[KEY]["spec"], source)
+    source = recipe.source(config)
+    recipe.require_fit(config, content[KEY]["spec"], source)
     from sextant.lifecycle.training import test_checkpoint
 
     identity = digest({**recipe.identity(config), "checkpoint": found.identity})
@@ -55,25 +54,22 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         open_mirror()
-        return test_checkpoint(raw, config, source, content, found.checkpoint, directory, key, reporter)
+        return test_checkpoint(config, source, content, found.checkpoint, directory, key, reporter)
 
     device, published = partial(require_device, config), content[KEY].get("published")
-    return run_once(key, raw, config, work, device, published=published, reporter=reporter)
+    return run_once(key, config, work, device, published=published, reporter=reporter)
 
 
-def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Config]:
-    """The config of a checkpoint with ``overrides``, plain and typed.
+def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> Config:
+    """The config of a checkpoint with ``overrides``.
 
     Raises:
         UserError: an override is wrong, label and config are of two tasks, or the checkpoint names an import path that
             is not one of Sextant's: building it would run code that the file chose. ``trust=true`` allows it.
     """
     trust = "trust=true" in overrides
-    raw = merge(trained["config"], [override for override in overrides if override != "trust=true"])
-    config = trained_config(raw, trained["task"], trust=trust)
-    if (within := trained["spec"].get("features")) is not None:  # of another run's network, which is built as well
-        trained_config(within["config"], within["task"], trust=trust)
-    return raw, config
+    merged = merge(trained["config"], [override for override in overrides if override != "trust=true"])
+    return own_config({**trained, "config": merged}, trust=trust)
 
 
 def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -98,7 +94,7 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
     chosen = {o.place for o in parsed if o.key in known_groups} | {"paths", "tracking"}
     composed = to_plain(compose([override.text for override in parsed if override.place in chosen]))
     merged = dict(trained) | {group: composed[group] for group in chosen}
-    merged |= {"reuse": "exact", "init_from": None, "sweep": None}
+    merged["reuse"] = "exact"
     for override in parsed:
         if override.place not in chosen:
             _set(merged, override.key, override.value, override.text)

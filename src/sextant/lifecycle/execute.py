@@ -80,21 +80,20 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter
         KeyboardInterrupt: the run was interrupted and can be resumed.
     """
     config = checked(raw)
-    source = recipe_of(config.task.name, reporter).source(raw, config)
+    source = recipe_of(config.task.name, reporter).source(config)
     key = run_key(config, source)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         from sextant.lifecycle.training import train_and_test
 
-        return train_and_test(raw, config, source, directory, key, open_mirror(), reporter)
+        return train_and_test(config, source, directory, key, open_mirror(), reporter)
 
     possible = partial(require_possible, config, source)
-    return run_once(key, raw, config, work, possible, wait=wait, reporter=reporter)
+    return run_once(key, config, work, possible, wait=wait, reporter=reporter)
 
 
 def run_once(
     key: RunKey,
-    raw: Mapping[str, Any],
     config: Config,
     work: Work,
     check: Callable[[], None],
@@ -115,7 +114,7 @@ def run_once(
         results = found.directory.results()
         if not found.finished or results is None:
             check()
-            return _Run(found, key, raw, config, reporter).run(work, published)
+            return _Run(found, key, config, reporter).run(work, published)
     if config.tracking.parent_run is None:
         fill_if_behind(config, [found.directory], reporter)
     return Outcome(results["outcome"], found.directory.path, reused=True, message=str(results.get("message", "")))
@@ -133,15 +132,15 @@ def fill_if_behind(config: Config, directories: Iterable[RunDirectory], reporter
 class _Run:
     """One run, from the claim of its directory to its outcome."""
 
-    def __init__(self, found: Claim, key: RunKey, raw: Mapping[str, Any], config: Config, reporter: RunReporter):
+    def __init__(self, found: Claim, key: RunKey, config: Config, reporter: RunReporter):
         self.directory: RunDirectory = found.directory
         self.passed_over = found.passed_over
-        self.key, self.raw, self.config, self.reporter = key, raw, config, reporter
+        self.key, self.config, self.reporter = key, config, reporter
         self.mirror: MirroredRun | None = None
 
     def run(self, work: Work, published: Mapping[str, Any] | None = None) -> Outcome:
         self._begin()
-        self.reporter.begin(self.raw, self.config, self.directory, self.passed_over, published)
+        self.reporter.begin(self.config, self.directory, self.passed_over, published)
         with self._recorded():
             results = work(self.directory, self._open_mirror)
         return Outcome(results["outcome"], self.directory.path)
@@ -155,7 +154,8 @@ class _Run:
         path.mkdir(parents=True, exist_ok=True)
         for leftover in path.rglob(".*.tmp"):  # of a process that was killed while it wrote
             leftover.unlink(missing_ok=True)
-        text = yaml.safe_dump(dict(self.raw), sort_keys=False)
+        plain = dict(self.config.plain)
+        text = yaml.safe_dump(plain, sort_keys=False)
         write_atomically(self.directory.config, lambda file: file.write(text.encode()))
         earlier = self.directory.state()
         self.directory.update_state(
@@ -166,7 +166,7 @@ class _Run:
                 "ended": None,
                 "failure": None,
                 "tracking": self._tracking_note(earlier.get("tracking")),
-                "params": _flat({k: v for k, v in self.raw.items() if k not in ("paths", "tracking", "sweep")}),
+                "params": _flat({k: v for k, v in plain.items() if k not in ("paths", "tracking", "sweep")}),
             }
         )
 

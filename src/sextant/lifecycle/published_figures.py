@@ -24,9 +24,9 @@ def says(published: Mapping[str, Any]) -> str:
     )
 
 
-def same_images(raw: Mapping[str, Any], config: Config) -> bool:
+def same_images(config: Config) -> bool:
     """Whether a test is on the images that the authors tell accuracies of, the 10,000 of CIFAR-10."""
-    return raw["dataset"].get("_target_") == CIFAR10 and getattr(config.task, "test_every", 0) == 1
+    return config.dataset.target == CIFAR10 and getattr(config.task, "test_every", 0) == 1
 
 
 def comparison(published: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:

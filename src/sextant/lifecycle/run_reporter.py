@@ -18,7 +18,6 @@ class RunReporter(Reporter):
 
     def begin(
         self,
-        raw: Mapping[str, Any],
         config: Config,
         directory: RunDirectory,
         passed_over: tuple[str, ...],
@@ -27,8 +26,8 @@ class RunReporter(Reporter):
         """A run begins.
 
         Args:
-            raw, config: plain and typed.
-            directory: of the run.
+            config: of the run.
+            directory: where it lies.
             passed_over: why earlier runs of the same config were not taken.
             published: what the file of a network that was not trained here says of its training.
         """

@@ -62,11 +62,11 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
     for values in itertools.product(*design.factors.values()):
         setting = dict(zip(design.factors, values, strict=True))
         for arm in design.arms:
-            overrides, raw, config = cell_config(design, setting, arm)
+            overrides, config = cell_config(design, setting, arm)
             if first is None:
-                require_environment(raw, config, reporter)
+                require_environment(config, reporter)
                 first = config
-            planned += _over_seeds(design, setting, arm, overrides, raw, config, reporter)
+            planned += _over_seeds(design, setting, arm, overrides, config, reporter)
     assert first is not None
     tracking = {"kind": first.tracking.kind, "uri": first.tracking.uri}
     cells = [entry.cell for entry in planned]
@@ -74,17 +74,16 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
     return plan, planned, first
 
 
-def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[list[str], dict[str, Any], Config]:
-    """The overrides of an arm in a setting, what they compose, and that validated.
+def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[list[str], Config]:
+    """The overrides of an arm in a setting, and what they compose.
 
     Raises:
         UserError: the config is wrong, or the arm reads answers that its runs will not have.
     """
     overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
-    raw = to_plain(compose(overrides))
-    config = checked(raw)
+    config = checked(to_plain(compose(overrides)))
     _check_read(arm, design.definition, config)
-    return overrides, raw, config
+    return overrides, config
 
 
 def _over_seeds(
@@ -92,11 +91,10 @@ def _over_seeds(
     setting: dict[str, str],
     arm: str,
     overrides: list[str],
-    raw: Mapping[str, Any],
     config: Config,
     reporter: Reporter,
 ) -> list[Planned]:
-    source, outputs = recipe_of(config.task.name, reporter).source(raw, config), Path(config.paths.outputs)
+    source, outputs = recipe_of(config.task.name, reporter).source(config), Path(config.paths.outputs)
     planned = []
     follows_seed = any("${seed}" in override for override in overrides)
     for pair, number in enumerate(design.seeds):

@@ -30,7 +30,6 @@ from sextant.trained.content import load_weights, read_trained
 
 
 def train_and_test(
-    raw: Mapping[str, Any],
     config: Config,
     source: Source,
     directory: RunDirectory,
@@ -48,16 +47,16 @@ def train_and_test(
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
     recipe = recipe_of(config.task.name, reporter)
-    data = recipe.data(raw, config, source)
-    spec = recipe.spec(raw, config, source, data)
-    module = recipe.module(raw, spec, training=True)
+    data = recipe.data(config, source)
+    spec = recipe.spec(config, source, data)
+    module = recipe.module(config, spec, training=True)
     if config.init_from is not None:
         checkpoint = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").checkpoint
         load_weights(module, read_trained(checkpoint), checkpoint)
     logger = RunLogger(directory, mirror)
     resume = directory.last_checkpoint if directory.last_checkpoint.is_file() else None
     clock = _Clock(directory, began, resumed=resume is not None)
-    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(raw, spec, key), clock]
+    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(config, spec, key), clock]
     if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
     callbacks.append(_every_epoch(directory))
@@ -66,7 +65,7 @@ def train_and_test(
     trainer = _trainer(config, directory, logger, callbacks)
 
     monitor = mirror if config.tracking.system_metrics else None
-    with naming_groups(raw), system_metrics(monitor, config.tracking.system_metrics_every_s):
+    with naming_groups(config.plain), system_metrics(monitor, config.tracking.system_metrics_every_s):
         trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         if trainer.interrupted:
             raise KeyboardInterrupt
@@ -76,7 +75,6 @@ def train_and_test(
 
 
 def test_checkpoint(
-    raw: Mapping[str, Any],
     config: Config,
     source: Source,
     content: Mapping[str, Any],
@@ -85,19 +83,19 @@ def test_checkpoint(
     key: RunKey,
     reporter: RunReporter,
 ) -> dict[str, Any]:
-    """Test the model in a checkpoint under the conditions of ``raw``, and write results as a training run does."""
+    """Test the model in a checkpoint under the conditions of ``config``, and write results as a training run does."""
     began = time.monotonic()
     reset_peak_memory()
     torch.set_num_threads(config.trainer.threads)
-    module = model_from_checkpoint(raw, config, content, checkpoint)
+    module = model_from_checkpoint(config, content, checkpoint)
     recipe = recipe_of(config.task.name, reporter)
-    data = recipe.data(raw, config, source)
+    data = recipe.data(config, source)
     trainer = _trainer(config, directory, RunLogger(directory, None), [])
-    with naming_groups(raw):
+    with naming_groups(config.plain):
         metrics = dict(trainer.test(module, data, verbose=False)[0])
         results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
         if (published := content[KEY].get("published")) is not None:
-            results["published"] = {**published, "same_images": same_images(raw, config)}
+            results["published"] = {**published, "same_images": same_images(config)}
         results = _with_record(results, module, data, config, directory, recipe)
     return _write_results(results, directory, key, fit_s=0.0, test_s=time.monotonic() - began)
 
@@ -223,10 +221,10 @@ class _Clock(Callback):
 class _Provenance(Callback):
     """Puts the whole config into every checkpoint, as plain containers."""
 
-    def __init__(self, raw: Mapping[str, Any], spec: Mapping[str, Any], key: RunKey):
+    def __init__(self, config: Config, spec: Mapping[str, Any], key: RunKey):
         self.content = {
             "schema_version": SCHEMA_VERSION,
-            "config": dict(raw),
+            "config": dict(config.plain),
             "spec": dict(spec),
             "task": key.task,
             "digest": key.digest,

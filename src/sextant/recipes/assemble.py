@@ -12,22 +12,23 @@ if TYPE_CHECKING:
     from sextant.corruptions import CorruptionSuite
 
 
-def build_dataset(raw: Mapping[str, Any], config: Config) -> Any:
+def build_dataset(config: Config) -> Any:
     """The dataset, which looks in the data folder first and in the cache second."""
-    return build(raw, "dataset", roots=list(dict.fromkeys([Path(config.paths.data), Path(config.paths.cache)])))
+    roots = dict.fromkeys([Path(config.paths.data), Path(config.paths.cache)])
+    return build(config.plain, "dataset", roots=list(roots))
 
 
-def build_suite(raw: Mapping[str, Any]) -> "CorruptionSuite":
+def build_suite(config: Config) -> "CorruptionSuite":
     """The test conditions."""
-    return build(raw, "corruption")  # type: ignore[no-any-return]
+    return build(config.plain, "corruption")  # type: ignore[no-any-return]
 
 
-def build_training(raw: Mapping[str, Any], training: bool) -> dict[str, Any]:
+def build_training(config: Config, *, training: bool) -> dict[str, Any]:
     """What a module trains with: ``optimizer`` and ``schedule``, both None unless ``training``, and ``log_every``."""
-    settings: dict[str, Any] = {"optimizer": None, "schedule": None, "log_every": raw["trainer"]["log_every"]}
+    settings: dict[str, Any] = {"optimizer": None, "schedule": None, "log_every": config.trainer.log_every}
     if training:
-        settings |= {"optimizer": build(raw, "optimizer"), "schedule": build(raw, "schedule")}
-        _try_optimizer(raw, settings["optimizer"])
+        settings |= {"optimizer": build(config.plain, "optimizer"), "schedule": build(config.plain, "schedule")}
+        _try_optimizer(config, settings["optimizer"])
     return settings
 
 
@@ -38,10 +39,10 @@ def conditions_name(node: Mapping[str, Any]) -> str:
     return f"clean, {node.get('set') or part_name(node)}"
 
 
-def _try_optimizer(raw: Mapping[str, Any], optimizer: Any) -> None:
+def _try_optimizer(config: Config, optimizer: Any) -> None:
     from torch import nn
 
     try:
         optimizer([nn.Parameter()])
     except (TypeError, ValueError) as error:
-        raise UserError(f"optimizer: {raw['optimizer']['_target_']} does not take these keys: {error}") from None
+        raise UserError(f"optimizer: {config.optimizer.target} does not take these keys: {error}") from None

@@ -30,11 +30,11 @@ class CalibrationRecipe(Recipe):
     sweep_example = "experiment=calibration_small seed=0,1,2 loss=bearing,l2_range"
     test_settings = ("geometric_baselines",)
 
-    def source(self, raw: Mapping[str, Any], config: Config) -> "PanoramaSource":
+    def source(self, config: Config) -> "PanoramaSource":
         """The dataset as a source of panoramas."""
         from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources
 
-        source = as_panorama_source(build_dataset(raw, config))
+        source = as_panorama_source(build_dataset(config))
         for world in rendered_sources(source):
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
         return source
@@ -52,13 +52,13 @@ class CalibrationRecipe(Recipe):
         count = panorama_count(source, "train")
         return None if count is None else count * config.task.crops_per_panorama.train
 
-    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+    def summary(self, config: Config) -> dict[str, str]:
         """Network, what it predicts, and how it is trained."""
-        names = ("backbone", "inhibition", "parameterization", "loss")
-        rows = {name: part_name(raw[name]) for name in names}
-        return rows | {"sampling": str(raw["sampling"].get("name", "")), "test": conditions_name(raw["corruption"])}
+        plain, names = config.plain, ("backbone", "inhibition", "parameterization", "loss")
+        rows = {name: part_name(plain[name]) for name in names}
+        return rows | {"sampling": str(plain["sampling"].get("name", "")), "test": conditions_name(plain["corruption"])}
 
-    def data(self, raw: Mapping[str, Any], config: Config, source: "PanoramaSource") -> "CalibrationData":
+    def data(self, config: Config, source: "PanoramaSource") -> "CalibrationData":
         """Crops of the panoramas."""
         from sextant.data.calibration.datamodule import CalibrationData
 
@@ -66,8 +66,8 @@ class CalibrationRecipe(Recipe):
         assert isinstance(task, CalibrationTask)
         return CalibrationData(
             source,
-            build(raw, "sampling"),
-            build(raw, "test_sampling") if raw.get("test_sampling") else None,
+            build(config.plain, "sampling"),
+            build(config.plain, "test_sampling") if config.test_sampling is not None else None,
             size=(task.height, task.width),
             crops_per_panorama=task.crops_per_panorama.model_dump(),
             batch_size=config.trainer.batch_size,
@@ -77,9 +77,7 @@ class CalibrationRecipe(Recipe):
             augment=task.augment,
         )
 
-    def spec(
-        self, raw: Mapping[str, Any], config: Config, source: "PanoramaSource", data: "CalibrationData"
-    ) -> dict[str, Any]:
+    def spec(self, config: Config, source: "PanoramaSource", data: "CalibrationData") -> dict[str, Any]:
         """Input size, and ranges that cover the distribution of cameras."""
         import numpy as np
 
@@ -90,7 +88,7 @@ class CalibrationRecipe(Recipe):
         assert isinstance(task, CalibrationTask)
         numbers = np.arange(DRAWS)
         cameras = data.distribution.draw_for(numbers, np.zeros_like(numbers), DRAW_SEED).cameras
-        space = ParameterSpace.covering(build(raw, "parameterization"), cameras)
+        space = ParameterSpace.covering(build(config.plain, "parameterization"), cameras)
         low, high = np.quantile(reported(cameras).numpy(), [0.16, 0.84], axis=0)
         data.setup("validate")
         return {
@@ -105,23 +103,23 @@ class CalibrationRecipe(Recipe):
             "spread": ((high - low) / 2).tolist(),
         }
 
-    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "Calibration":
+    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "Calibration":
         """The calibration module."""
         from sextant.tasks.calibration.module import Calibration
         from sextant.tasks.calibration.network import network_parts
 
-        network, facts, parameterization = network_parts(raw, spec, partial(build, raw))
+        network, facts, parameterization = network_parts(config.plain, spec, partial(build, config.plain))
         return Calibration(
             network,
             facts,
             parameterization,
-            build(raw, "loss", space=facts.space(parameterization)),
-            build_suite(raw),
-            clip=raw["task"]["clip"],
-            **build_training(raw, training),
+            build(config.plain, "loss", space=facts.space(parameterization)),
+            build_suite(config),
+            clip=config.plain["task"]["clip"],
+            **build_training(config, training=training),
         )
 
-    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: Any) -> None:
+    def require_fit(self, config: Config, spec: Mapping[str, Any], source: Any) -> None:
         """Any panoramas will do."""
 
     def record(self, module: "Calibration", data: "CalibrationData", config: Config) -> TestRecord:

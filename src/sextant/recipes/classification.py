@@ -28,11 +28,11 @@ class ClassificationRecipe(Recipe):
     sweep_example = "seed=0,1,2 inhibition=none,push_pull"
     test_settings = ("test_every",)
 
-    def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
+    def source(self, config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
-        source = build_dataset(raw, config)
+        source = build_dataset(config)
         if not hasattr(source, "spec"):
-            name = getattr(source, "name", raw["dataset"].get("_target_"))
+            name = getattr(source, "name", config.dataset.target)
             raise UserError(
                 f"dataset={name} holds no labelled images, which task=classification needs",
                 "Choose digits, mnist, fashion_mnist, cifar10 or image_folder; "
@@ -51,16 +51,16 @@ class ClassificationRecipe(Recipe):
         count = source.count("train") if isinstance(source, ImageSource) else None  # the user's own may be none
         return None if count is None else count - round(config.task.validation_fraction * count)
 
-    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+    def summary(self, config: Config) -> dict[str, str]:
         """Network, inhibition and test conditions."""
         return {
-            "backbone": part_name(raw["backbone"]),
-            "inhibition": part_name(raw["inhibition"]),
-            "augmentation": part_name(raw.get("augmentation") or {"_target_": "none"}),
-            "test": conditions_name(raw["corruption"]),
+            "backbone": part_name(config.plain["backbone"]),
+            "inhibition": part_name(config.plain["inhibition"]),
+            "augmentation": part_name(config.plain.get("augmentation") or {"_target_": "none"}),
+            "test": conditions_name(config.plain["corruption"]),
         }
 
-    def data(self, raw: Mapping[str, Any], config: Config, source: ImageSource) -> "ImageData":
+    def data(self, config: Config, source: ImageSource) -> "ImageData":
         """The batches of a source."""
         from sextant.data.datamodule import ImageData
 
@@ -72,25 +72,27 @@ class ClassificationRecipe(Recipe):
             validation_fraction=config.task.validation_fraction,
             split_seed=config.task.split_seed,
             seed=config.seed,
-            augmentation=None if raw.get("augmentation") is None else build(raw, "augmentation"),
+            augmentation=None if config.augmentation is None else build(config.plain, "augmentation"),
             workers=config.trainer.workers,
             test_every=config.task.test_every,
         )
 
-    def spec(self, raw: Mapping[str, Any], config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
+    def spec(self, config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
         """Shape and classes of the images."""
         spec = source.spec()
         return {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
 
-    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "Classification":
+    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "Classification":
         """The classification module."""
         from sextant.tasks.classification.module import Classification
         from sextant.trained.networks import classifier
 
-        network = classifier(raw, spec)
-        return Classification(network, image_spec(spec), build_suite(raw), **build_training(raw, training))
+        network = classifier(config, spec)
+        return Classification(
+            network, image_spec(spec), build_suite(config), **build_training(config, training=training)
+        )
 
-    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: ImageSource) -> None:
+    def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
         """Raise a ``UserError`` unless the images have the shape and the number of classes of training."""
         trained, found = image_spec(spec), source.spec()
         if (found.channels, found.height, found.width) != (trained.channels, trained.height, trained.width):

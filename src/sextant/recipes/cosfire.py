@@ -53,12 +53,12 @@ class CosfireRecipe(Recipe):
         """Those of its methods for which the run has a network or a descriptor."""
         return answering_with_parts(config, _task(config))
 
-    def source(self, raw: Mapping[str, Any], config: Config) -> ImageSource:
+    def source(self, config: Config) -> ImageSource:
         """The dataset as a source of labelled images."""
         self.check_parts(config)
-        source, scenes = build_dataset(raw, config), _task(config).scenes
+        source, scenes = build_dataset(config), _task(config).scenes
         if config.descriptor is not None:
-            descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a missing run is told at once
+            descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))  # a missing run is told at once
         if hasattr(source, "spec"):
             if scenes is not None:
                 raise UserError(
@@ -67,7 +67,7 @@ class CosfireRecipe(Recipe):
             return source  # type: ignore[no-any-return]
         if scenes is None:
             raise UserError(
-                f"dataset={getattr(source, 'name', raw['dataset'].get('_target_'))} holds no labelled images, which "
+                f"dataset={getattr(source, 'name', config.dataset.target)} holds no labelled images, which "
                 "task=cosfire needs; of places it needs task.scenes",
                 "Choose digits, mnist, fashion_mnist, cifar10 or image_folder, or experiment=cosfire_places.",
             )
@@ -78,19 +78,19 @@ class CosfireRecipe(Recipe):
         source.files("train")
         source.files("test")
 
-    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+    def summary(self, config: Config) -> dict[str, str]:
         """Features, bank, strategy and methods."""
-        task, features = _task(config), raw["features"]
-        learnt = "none" if raw.get("backbone") is None else part_name(raw["backbone"])
+        task, features = _task(config), config.plain["features"]
+        learnt = "none" if config.backbone is None else part_name(config.plain["backbone"])
         return {
             "features": learnt if features["run"] is None else f"run {features['run']}",
-            "bank": part_name(raw["bank"]),
-            "strategy": part_name(raw["strategy"]),
+            "bank": part_name(config.plain["bank"]),
+            "strategy": part_name(config.plain["strategy"]),
             "filters": f"{task.filters_per_class} a class",
             "methods": ", ".join(task.methods),
         }
 
-    def data(self, raw: Mapping[str, Any], config: Config, source: ImageSource) -> "ExampleData":
+    def data(self, config: Config, source: ImageSource) -> "ExampleData":
         """The batches of a source, and its examples."""
         from sextant.data.examples import ExampleData, ExampleSettings
 
@@ -109,13 +109,13 @@ class CosfireRecipe(Recipe):
             validation_fraction=task.validation_fraction,
             split_seed=task.split_seed,
             seed=config.seed,
-            augmentation=None if raw.get("augmentation") is None else build(raw, "augmentation"),
+            augmentation=None if config.augmentation is None else build(config.plain, "augmentation"),
             workers=config.trainer.workers,
             test_every=task.test_every,
             settings=ExampleSettings(task.images, task.novel_classes, task.examples, held_out=task.scenes is None),
         )
 
-    def spec(self, raw: Mapping[str, Any], config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
+    def spec(self, config: Config, source: ImageSource, data: Any) -> dict[str, Any]:
         """Shape and classes of the images; of features of another run, what builds its network."""
         spec = source.spec()
         told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
@@ -128,26 +128,26 @@ class CosfireRecipe(Recipe):
             told["features"] = {name: content[name] for name in ("task", "config", "spec")}
         return told
 
-    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
+    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
         """The module, with its network or the feature map of another run's."""
         from sextant.tasks.cosfire.comparison import Comparison
         from sextant.tasks.cosfire.filter_prototypes import PrototypeSettings
         from sextant.tasks.cosfire.fine_tuning import FineTuning
         from sextant.tasks.cosfire.module import CosfireRecognition
 
-        images, task = image_spec(spec), raw["task"]
+        images, task = image_spec(spec), config.plain["task"]
         shape = (images.channels, images.height, images.width)
         network, features = None, None
         if "features" in spec:
-            features = features_of_run(raw, spec["features"], shape, training=training)
-        elif raw.get("backbone") is not None:
+            features = features_of_run(config, spec["features"], shape, training=training)
+        elif config.backbone is not None:
             network = build(
-                raw, "backbone", in_channels=shape[0], image_size=shape[1:], num_classes=len(images.classes)
+                config.plain, "backbone", in_channels=shape[0], image_size=shape[1:], num_classes=len(images.classes)
             )
-            if raw.get("inhibition") is not None:
-                network = build(raw, "inhibition")(network)
+            if config.inhibition is not None:
+                network = build(config.plain, "inhibition")(network)
         return CosfireRecognition(
-            partial(make_filters, raw),
+            partial(make_filters, config),
             images.classes,
             PrototypeSettings(task["filters_per_class"], task["at"], task["margin"], task["least_parts"]),
             Comparison(
@@ -162,15 +162,15 @@ class CosfireRecipe(Recipe):
             ),
             image_shape=shape,
             network=network,
-            layer=raw["features"]["layer"],
+            layer=config.plain["features"]["layer"],
             features=features,
-            describe=describing(raw),
-            seed=raw["seed"],
+            describe=describing(config),
+            seed=config.seed,
             show=partial(self.reporter.progress, unit="images"),
-            **(build_training(raw, training) if network is not None else {}),
+            **(build_training(config, training=training) if network is not None else {}),
         )
 
-    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: ImageSource) -> None:
+    def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
         """Raise a ``UserError`` unless the images have the shape and the classes of training."""
         trained, found = image_spec(spec), source.spec()
         if (found.channels, found.height, found.width, found.classes) != (

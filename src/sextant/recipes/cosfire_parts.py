@@ -5,9 +5,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema.cosfire.parts import FeatureBank, VectorBank
 from sextant.config.schema.tasks import SceneChoice
+from sextant.config.trained import trained_config
 from sextant.data.source import ImageSource
 from sextant.errors import UserError
 from sextant.reporter import Reporter
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from sextant.models import FeatureMap
 
 
-def make_filters(raw: Mapping[str, Any], features: "FeatureMap | None") -> "Cosfire":
+def make_filters(config: Config, features: "FeatureMap | None") -> "Cosfire":
     """Filters by the groups ``bank``, ``strategy`` and ``filters``, not configured yet.
 
     Raises:
@@ -26,20 +28,20 @@ def make_filters(raw: Mapping[str, Any], features: "FeatureMap | None") -> "Cosf
     """
     from sextant.layers.cosfire import Blur, Cosfire, Tolerance
 
-    chosen = raw["filters"]
+    chosen = config.plain["filters"]
     kinds = {part.model_fields["target"].annotation.__args__[0] for part in (FeatureBank, VectorBank)}  # type: ignore[union-attr]
     arguments: dict[str, Any] = {}
-    if raw["bank"]["_target_"] in kinds:
+    if config.plain["bank"]["_target_"] in kinds:
         if features is None:
             raise UserError(
-                f"bank={part_name(raw['bank'])} looks at a feature map, and there is no network",
+                f"bank={part_name(config.plain['bank'])} looks at a feature map, and there is no network",
                 "Choose a backbone, or bank=gabor.",
             )
         arguments = {"features": features, "size": features.channels}
     try:
         return Cosfire(
-            build(raw, "bank", **arguments),
-            build(raw, "strategy"),
+            build(config.plain, "bank", **arguments),
+            build(config.plain, "strategy"),
             blur=Blur(chosen["sigma0"], chosen["alpha"], chosen["blur"]),
             mean=chosen["mean"],
             least_weight=chosen["least_weight"],
@@ -55,30 +57,34 @@ def make_filters(raw: Mapping[str, Any], features: "FeatureMap | None") -> "Cosf
 
 
 def features_of_run(
-    raw: Mapping[str, Any], kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
+    config: Config, kept: Mapping[str, Any], shape: tuple[int, int, int], *, training: bool
 ) -> "FeatureMap":
     """The feature map of another run's network; its weights are read when training begins, and then kept with ours."""
     from sextant.models import FeatureMap
     from sextant.trained.content import read_trained
     from sextant.trained.networks import TASKS, new_network, trained_network
 
+    assert config.features is not None
+    assert config.features.run is not None
+    run, novel = config.features.run, config.plain["task"]["novel_classes"]
     if kept["task"] not in TASKS:
         raise UserError(
-            f"features.run={raw['features']['run']} is a run of task={kept['task']}, which has no feature map",
+            f"features.run={run} is a run of task={kept['task']}, which has no feature map",
             "Name a run of task=classification or task=place_recognition.",
         )
-    if kept["task"] == "classification" and raw["task"]["novel_classes"]:
+    if kept["task"] == "classification" and novel:
         raise UserError(
-            f"task.novel_classes={raw['task']['novel_classes']}: the network of features.run={raw['features']['run']} "
-            "was trained on classes of its own, and none is known to be new to it",
+            f"task.novel_classes={novel}: the network of features.run={run} was trained on classes of its own, and "
+            "none is known to be new to it",
             "Train the network here (a backbone in place of features=run), or task.novel_classes=0.",
         )
+    own = trained_config(kept["config"], kept["task"], trust=True)  # what is not Sextant's has been refused by now
     if training:
-        checkpoint = resolve_run(raw["features"]["run"], Path(raw["paths"]["outputs"]), "features.run").checkpoint
-        network: Any = trained_network(kept["config"], read_trained(checkpoint), checkpoint)
+        checkpoint = resolve_run(run, Path(config.paths.outputs), "features.run").checkpoint
+        network: Any = trained_network(own, read_trained(checkpoint), checkpoint)
     else:
-        network = new_network(kept["task"], kept["config"], kept["spec"])
-    layer = raw["features"]["layer"]
+        network = new_network(own, kept["spec"])
+    layer = config.features.layer
     if kept["task"] == "place_recognition":
         if layer is not None:  # one feature map within another would never see a layer of the inner one
             known = network.backbone
@@ -106,13 +112,13 @@ def scenes_of(dataset: Any, chosen: SceneChoice, reporter: Reporter) -> ImageSou
     )
 
 
-def describing(raw: Mapping[str, Any]) -> Callable[[Any], Any] | None:
+def describing(config: Config) -> Callable[[Any], Any] | None:
     """What gives images the place descriptors that the config names; None if it names none."""
-    if raw.get("descriptor") is None:
+    if config.descriptor is None:
         return None
     from sextant.recipes.descriptors import DescriptorFiles, describer
 
-    found = describer(raw, Path(raw["paths"]["outputs"]))
+    found = describer(config)
     if isinstance(found, DescriptorFiles):
         raise UserError("descriptor=files knows drives, not images of scenes", "Choose descriptor=run:<id>.")
     return found.describe

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
+from sextant.config import Config
 from sextant.config.building import build
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
@@ -191,15 +192,15 @@ def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any
     return dict(node)
 
 
-def describer(raw: Mapping[str, Any], outputs: Path) -> "Describer | DescriptorFiles":
+def describer(config: Config) -> "Describer | DescriptorFiles":
     """The descriptor that a config names.
 
     Raises:
         UserError: it cannot be built.
     """
-    found = build(raw, "descriptor")
+    found = build(config.plain, "descriptor")
     if isinstance(found, DescriptorFiles):
         return found
     if isinstance(found, TrainedDescriptor):
-        return found.describer(outputs)
-    return BaselineDescriber(found, str(sorted(raw["descriptor"].items())))
+        return found.describer(Path(config.paths.outputs))
+    return BaselineDescriber(found, str(sorted(config.plain["descriptor"].items())))

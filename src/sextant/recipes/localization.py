@@ -43,16 +43,17 @@ class LocalizationRecipe(Recipe):
         found, outputs = super().identity(config), Path(config.paths.outputs)
         return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
 
-    def source(self, raw: Mapping[str, Any], config: Config) -> "LocalizationSource":
+    def source(self, config: Config) -> "LocalizationSource":
         """The dataset as a source of drives."""
         from sextant.data.localization.drive_settings import DriveSettings
         from sextant.data.localization.source import as_localization_source
 
         self.check_parts(config)
         task = _task(config)
-        descriptor_identity(raw["descriptor"], Path(config.paths.outputs))  # a run that is missing is told at once
+        outputs = Path(config.paths.outputs)
+        descriptor_identity(config.plain["descriptor"], outputs)  # a run that is missing is reported at once
         settings = DriveSettings(task.odometry_scale, task.odometry_seed, task.validation_share, task.near_map)
-        source = as_localization_source(build_dataset(raw, config), settings)
+        source = as_localization_source(build_dataset(config), settings)
         if hasattr(source, "showing"):
             source.showing = partial(self.reporter.progress, f"rendering {source.name}, once", "images")
         return source
@@ -62,25 +63,25 @@ class LocalizationRecipe(Recipe):
         for split in ("map", "validation", "test"):
             source.files(split)
 
-    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+    def summary(self, config: Config) -> dict[str, str]:
         """Descriptor, model and filter."""
         names = ("descriptor", "observation", "motion", "recovery")
-        faults = raw["fault"] if raw.get("faults") is None else None
-        told = {name: part_name(raw[name]) for name in names}
+        faults = config.plain["fault"] if config.faults is None else None
+        told = {name: part_name(config.plain[name]) for name in names}
         assert config.filter is not None
         particles = _task(config).particle_counts or [config.filter.particles]
         told["filter"] = f"{', '.join(map(str, particles))} particles, start={config.filter.start}"
-        told["faults"] = ", ".join(raw["faults"]["faults"]) if faults is None else part_name(faults)
+        told["faults"] = ", ".join(config.plain["faults"]["faults"]) if faults is None else part_name(faults)
         return told
 
-    def data(self, raw: Mapping[str, Any], config: Config, source: "LocalizationSource") -> "LocalizationDataModule":
+    def data(self, config: Config, source: "LocalizationSource") -> "LocalizationDataModule":
         """The drives with their descriptors."""
         from sextant.data.localization.datamodule import LocalizationDataModule
 
         task = _task(config)
         return LocalizationDataModule(
             source,
-            describer(raw, Path(config.paths.outputs)),
+            describer(config),
             Path(config.paths.cache),
             images=task.images,
             fixed=task.objective == "joint",
@@ -89,31 +90,29 @@ class LocalizationRecipe(Recipe):
             show=lambda what: self.reporter.progress(what, "images"),
         )
 
-    def spec(
-        self, raw: Mapping[str, Any], config: Config, source: Any, data: "LocalizationDataModule"
-    ) -> dict[str, Any]:
+    def spec(self, config: Config, source: Any, data: "LocalizationDataModule") -> dict[str, Any]:
         """Numbers of a descriptor; reads all drives, so that a mistake in any of them is told before training."""
         from sextant.tasks.localization.test import check_runs
         from sextant.tasks.localization.validation import check_validation
 
         drives = data.drives
         check_validation(drives)
-        check_runs(drives, _faults(raw), test_settings(raw, config, data))
-        if raw["descriptor"].get("folder") is not None:  # files of vectors, read where a mistake in them costs nothing
+        check_runs(drives, _faults(config), test_settings(config, data))
+        if "folder" in config.plain["descriptor"]:  # files of vectors, read where a mistake in them costs nothing
             for drive in (drives.map, drives.validation_map, *drives.validation, *drives.test):
                 if drive is not None:
                     data.descriptors(drive)
         return {"dimension": 0 if isinstance(config.observation, LASERS) else data.dimension, "unit": drives.unit}
 
-    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> Any:
+    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> Any:
         """The module of localization, by images or by a laser."""
-        task, likelihood = raw["task"], raw["likelihood"]
-        if _is_laser(raw):
+        task, likelihood = config.plain["task"], config.plain["likelihood"]
+        if _is_laser(config):
             from sextant.tasks.localization.laser import LaserLocalization
 
             given = likelihood["tempering"]
             return LaserLocalization(
-                partial(_scan_model, raw),
+                partial(_scan_model, config),
                 None if given == "fitted" else float(given),
                 task["validation_images"],
                 task["resolution_m"],
@@ -136,16 +135,16 @@ class LocalizationRecipe(Recipe):
         )
         return Localization(
             spec["dimension"],
-            raw["kernel"]["spatial"],
-            raw["kernel"]["ard"],
-            partial(build, raw, "observation"),
+            config.plain["kernel"]["spatial"],
+            config.plain["kernel"]["ard"],
+            partial(build, config.plain, "observation"),
             calibration,
             objective=task["objective"],
             neighbours=task["neighbours"],
-            **build_training(raw, training),
+            **build_training(config, training=training),
         )
 
-    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: "LocalizationSource") -> None:
+    def require_fit(self, config: Config, spec: Mapping[str, Any], source: "LocalizationSource") -> None:
         """Raise a ``UserError`` unless positions have the unit of training: hyper-parameters are lengths."""
         unit = source.read().unit
         if unit != spec["unit"]:
@@ -160,9 +159,7 @@ class LocalizationRecipe(Recipe):
         from sextant.tasks.localization.test import run_trials, short_drives
         from sextant.tasks.localization.validation import protocol_of
 
-        raw = config.model_dump(by_alias=True)
-        faults = _faults(raw)
-        settings = test_settings(raw, config, data)
+        faults, settings = _faults(config), test_settings(config, data)
         with self.reporter.progress("localizing", "trials") as progress:
             outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress))
         trials = [outcome.trial for outcome in outcomes]
@@ -172,11 +169,10 @@ class LocalizationRecipe(Recipe):
         files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}
         if settings.replay:
             files["figures"] = partial(report.write_replays, found, data.drives)
-        if _task(config).save_map and not _is_laser(raw):
+        if _task(config).save_map and not _is_laser(config):
             from sextant.recipes.run_map import run_localizer, write_map
 
-            outputs = Path(config.paths.outputs)
-            files["map"] = lambda folder: write_map(run_localizer(module, data, settings, raw, outputs), folder)
+            files["map"] = lambda folder: write_map(run_localizer(module, data, settings, config), folder)
         return TestRecord(
             report.arrays(found),
             report.figures(found, data.drives),
@@ -198,7 +194,7 @@ class LocalizationRecipe(Recipe):
         return localized(arrays)
 
 
-def test_settings(raw: Mapping[str, Any], config: Config, data: "LocalizationDataModule") -> "TestSettings":
+def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettings":
     """How drives are localized, by a config and a map."""
     from sextant.localization import resampling
     from sextant.localization.kld_size import KLDSize
@@ -217,8 +213,8 @@ def test_settings(raw: Mapping[str, Any], config: Config, data: "LocalizationDat
             math.radians(filter.kld.bin_heading_deg),
         )
     return TestSettings(
-        build(raw, "motion"),
-        build(raw, "recovery"),
+        build(config.plain, "motion"),
+        build(config.plain, "recovery"),
         getattr(resampling, f"{filter.resampling.capitalize()}Resampling")(),
         filter.ess_threshold,
         kld,
@@ -247,23 +243,24 @@ def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, floa
     return position, position, SPREAD_HEADING if heading is None else math.radians(heading)
 
 
-def _faults(raw: Mapping[str, Any]) -> dict[str, Any]:
+def _faults(config: Config) -> dict[str, Any]:
     """The faults to try, by name."""
-    if raw.get("faults") is None:
-        name = re.sub(r"(?<!^)(?=[A-Z])", "_", str(raw["fault"]["_target_"]).rsplit(".", 1)[-1]).lower()
-        return {"none" if name == "no_fault" else name: build(raw, "fault")}
-    return {name: build(raw["faults"]["faults"], name) for name in raw["faults"]["faults"]}
+    if config.faults is None:
+        name = re.sub(r"(?<!^)(?=[A-Z])", "_", str(config.plain["fault"]["_target_"]).rsplit(".", 1)[-1]).lower()
+        return {"none" if name == "no_fault" else name: build(config.plain, "fault")}
+    faults = config.plain["faults"]["faults"]
+    return {name: build(faults, name) for name in faults}
 
 
-def _is_laser(raw: Mapping[str, Any]) -> bool:
-    return str(raw["observation"]["_target_"]) in {
+def _is_laser(config: Config) -> bool:
+    return str(config.plain["observation"]["_target_"]) in {
         laser.model_fields["target"].annotation.__args__[0]  # type: ignore[union-attr]
         for laser in LASERS
     }
 
 
-def _scan_model(raw: Mapping[str, Any], grid: Any, scanner: Any, tempering: float) -> Any:
-    return build(raw, "observation", grid=grid, scanner=scanner, tempering=tempering)
+def _scan_model(config: Config, grid: Any, scanner: Any, tempering: float) -> Any:
+    return build(config.plain, "observation", grid=grid, scanner=scanner, tempering=tempering)
 
 
 def _task(config: Config) -> LocalizationTask:

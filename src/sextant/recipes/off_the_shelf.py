@@ -97,16 +97,16 @@ def _run(shelf: OffTheShelf, outputs: Path) -> _Trained:
 
     path = resolve_run(shelf.weights, outputs, f"{KEY}.weights").checkpoint
     content = read_trained(path)
-    raw, _ = own_config(content[CONTENT])
+    config = own_config(content[CONTENT])
     if (task := content[CONTENT]["task"]) not in TASKS:
         raise UserError(
             f"{KEY}.weights={shelf.weights} is a model of task={task}, which has no feature map",
             f"Name a run of task={' or task='.join(TASKS)}.",
         )
     channels = int(content[CONTENT]["spec"].get("channels", 3))
-    backbone = raw["backbone"]
+    backbone = config.plain["backbone"]
     name = str(backbone.get("name") or str(backbone["_target_"]).rsplit(".", 1)[-1])
-    network = trained_network(raw, content, path)
+    network = trained_network(config, content, path)
     return _Trained(name, network, channels, (0.0,) * channels, (1.0,) * channels)
 
 

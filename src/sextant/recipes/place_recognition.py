@@ -48,12 +48,12 @@ class PlaceRecognitionRecipe(Recipe):
             found["task"]["off_the_shelf"]["weights"] = weights_identity(shelf, Path(config.paths.outputs))
         return found
 
-    def source(self, raw: Mapping[str, Any], config: Config) -> "PlaceSource":
+    def source(self, config: Config) -> "PlaceSource":
         """The dataset as a source of places."""
         from sextant.data.places import ConditionSplit, ConditionSplitSource, as_place_source, rendered_place_source
 
         self.check_parts(config)
-        source = as_place_source(build_dataset(raw, config))
+        source = as_place_source(build_dataset(config))
         world = rendered_place_source(source)
         if world is not None:
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")
@@ -73,11 +73,11 @@ class PlaceRecognitionRecipe(Recipe):
         for split in ("train", "val", "test"):
             source.files(split)
 
-    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+    def summary(self, config: Config) -> dict[str, str]:
         """Network, and how it is trained."""
-        return {name: part_name(raw[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
+        return {name: part_name(config.plain[name]) for name in ("backbone", "pooling", "inhibition", "loss", "mining")}
 
-    def data(self, raw: Mapping[str, Any], config: Config, source: "PlaceSource") -> "PlaceData":
+    def data(self, config: Config, source: "PlaceSource") -> "PlaceData":
         """Batches of places."""
         from sextant.data.places.augmentation import PlaceAugmentation
         from sextant.data.places.datamodule import PlaceData
@@ -95,7 +95,7 @@ class PlaceRecognitionRecipe(Recipe):
             augmentation=PlaceAugmentation(**task.augmentation.model_dump()),
         )
 
-    def spec(self, raw: Mapping[str, Any], config: Config, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
+    def spec(self, config: Config, source: "PlaceSource", data: "PlaceData") -> dict[str, Any]:
         """Shape of the images; reads all splits, so that a mistake in any of them is told before training."""
         _can_train_on(source)
         data.check()
@@ -107,14 +107,14 @@ class PlaceRecognitionRecipe(Recipe):
         _, height, width, channels = data.split("val").images.shape
         return {"channels": channels, "height": height, "width": width}
 
-    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
+    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "PlaceRecognition":
         """The module of place recognition."""
         from sextant.tasks.places.module import PlaceRecognition, PlaceSpec
         from sextant.tasks.places.network import place_network
         from sextant.tasks.places.whitening import Whitening
 
-        task = raw["task"]
-        network = place_network(raw, spec, partial(build, raw))
+        task = config.plain["task"]
+        network = place_network(config.plain, spec, partial(build, config.plain))
         if training and task["whitening"] is not None and network.pooling.features < task["dimension"]:
             raise UserError(
                 f"task.whitening: the pooling gives {network.pooling.features} numbers, and task.dimension="
@@ -124,15 +124,15 @@ class PlaceRecognitionRecipe(Recipe):
         return PlaceRecognition(
             network,
             PlaceSpec(spec["channels"], spec["height"], spec["width"]),
-            build(raw, "loss"),
-            build(raw, "mining"),
-            seed=raw["seed"],
+            build(config.plain, "loss"),
+            build(config.plain, "mining"),
+            seed=config.seed,
             clip=task["clip"],
             whitening=None if task["whitening"] is None else Whitening(**task["whitening"]),
-            **build_training(raw, training),
+            **build_training(config, training=training),
         )
 
-    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: "PlaceSource") -> None:
+    def require_fit(self, config: Config, spec: Mapping[str, Any], source: "PlaceSource") -> None:
         """Raise a ``UserError`` unless the images have the shape of training, and all splits are there that are needed.
 
         The temperature of the posterior is fitted on the validation split, unless recall against factors is all that is
@@ -142,7 +142,7 @@ class PlaceRecognitionRecipe(Recipe):
 
         if not has_factors(source.conditions("test")):
             source.files("val")
-        if raw["task"]["baselines"]:
+        if _task(config).baselines:
             try:
                 source.files("train")
             except MissingDataError as error:
@@ -294,7 +294,7 @@ def _untrained(config: Config, module: "PlaceRecognition", places: Any) -> Any:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         fresh = PlaceRecognitionRecipe().module(
-            config.model_dump(by_alias=True),
+            config,
             {"channels": spec.channels, "height": spec.height, "width": spec.width},
             training=False,
         )

@@ -102,7 +102,7 @@ class Recipe(ABC):
         return []
 
     @abstractmethod
-    def source(self, raw: Mapping[str, Any], config: Config) -> Source:
+    def source(self, config: Config) -> Source:
         """The dataset. Light.
 
         Raises:
@@ -118,23 +118,23 @@ class Recipe(ABC):
         return None
 
     @abstractmethod
-    def summary(self, raw: Mapping[str, Any], config: Config) -> dict[str, str]:
+    def summary(self, config: Config) -> dict[str, str]:
         """What a run says of itself before it starts. Light."""
 
     @abstractmethod
-    def data(self, raw: Mapping[str, Any], config: Config, source: Any) -> "pl.LightningDataModule":
+    def data(self, config: Config, source: Any) -> "pl.LightningDataModule":
         """Training, validation and test batches."""
 
     @abstractmethod
-    def spec(self, raw: Mapping[str, Any], config: Config, source: Any, data: Any) -> dict[str, Any]:
+    def spec(self, config: Config, source: Any, data: Any) -> dict[str, Any]:
         """Plain facts about the data that the model is built from; they are kept in its checkpoints."""
 
     @abstractmethod
-    def module(self, raw: Mapping[str, Any], spec: Mapping[str, Any], *, training: bool) -> Any:
+    def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> Any:
         """The Lightning module; ``training=False`` leaves out optimiser and schedule."""
 
     @abstractmethod
-    def require_fit(self, raw: Mapping[str, Any], spec: Mapping[str, Any], source: Any) -> None:
+    def require_fit(self, config: Config, spec: Mapping[str, Any], source: Any) -> None:
         """Raise a ``UserError`` unless a model of ``spec`` can be tested on ``source``."""
 
     @abstractmethod

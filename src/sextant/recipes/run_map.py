@@ -1,9 +1,8 @@
 """The map that a run of localization keeps: what ``predict.py`` and ``sextant.Localizer`` open."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -11,6 +10,7 @@ from torch import Tensor
 
 from sextant.applications.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
 from sextant.applications.localization.localizer import Localizer
+from sextant.config import Config
 from sextant.errors import UserError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.particle_filter import ParticleFilter
@@ -33,8 +33,7 @@ def run_localizer(
     module: "Localization",
     data: "LocalizationDataModule",
     settings: "TestSettings",
-    raw: Mapping[str, Any],
-    outputs: Path,
+    config: Config,
 ) -> Localizer:
     """The dataset's map with the calibrated likelihood, the filter of the test and the descriptor.
 
@@ -51,7 +50,7 @@ def run_localizer(
         ess_threshold=settings.ess_threshold,
         kld=settings.kld,  # type: ignore[arg-type]
     )
-    kept = _kept(data, raw, outputs)
+    kept = _kept(data, config)
     whitener: Tensor = module.whitener
     descriptor = replace(kept, whitener=whitener if len(whitener) else None)
     return Localizer(
@@ -71,10 +70,10 @@ def run_localizer(
     )
 
 
-def _kept(data: "LocalizationDataModule", raw: Mapping[str, Any], outputs: Path) -> KeptDescriptor:
+def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
     describer, images = data.describer, data.drives.map.images
-    if "run" in raw["descriptor"]:
-        return kept_network(resolve_run(raw["descriptor"]["run"], outputs).checkpoint, trust=True)  # it ran already
+    if (run := config.plain["descriptor"].get("run")) is not None:  # it ran already
+        return kept_network(resolve_run(run, Path(config.paths.outputs)).checkpoint, trust=True)
     if not isinstance(describer, BaselineDescriber) or images is None:
         return KeptDescriptor()
     describer.fit(images)  # the descriptors may all have come from the cache

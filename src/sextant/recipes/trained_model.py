@@ -10,17 +10,17 @@ from sextant.runs.checkpoint import KEY
 from sextant.trained.content import load_weights
 
 
-def model_from_checkpoint(raw: Mapping[str, Any], config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
-    """The trained module of a checkpoint, built from ``raw``: its own config, perhaps with other test conditions.
+def model_from_checkpoint(config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
+    """The trained module of a checkpoint, built from ``config``: its own, perhaps with other test conditions.
 
     Args:
-        raw, config: plain and typed.
+        config: typed.
         content: of the checkpoint, by :func:`read_trained`.
         checkpoint: its file, for messages.
 
     Raises:
         UserError: the weights do not fit, or are not finite.
     """
-    module = recipe_of(config.task.name).module(raw, content[KEY]["spec"], training=False)
+    module = recipe_of(config.task.name).module(config, content[KEY]["spec"], training=False)
     load_weights(module, content, checkpoint)
     return module.eval()

@@ -29,8 +29,8 @@ def trained_camera_network(content: Mapping[str, Any], checkpoint: Path, *, trus
         raise UserError(
             f"{checkpoint} is a model of {trained['task']}, not of calibration", "Name a run of task=calibration."
         )
-    raw, _ = own_config(trained, trust=trust)
-    network = CameraNetwork(*network_parts(raw, trained["spec"], partial(build, raw)))
+    plain = own_config(trained, trust=trust).plain
+    network = CameraNetwork(*network_parts(plain, trained["spec"], partial(build, plain)))
     # what belongs to training alone is left out: the state of a loss
     own = {name: value for name, value in content["state_dict"].items() if not name.startswith("loss.")}
     load_weights(network, {"state_dict": own}, checkpoint)

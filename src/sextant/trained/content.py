@@ -30,8 +30,8 @@ def read_trained(path: Path) -> dict[str, Any]:
     return load_checkpoint(path)
 
 
-def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> tuple[dict[str, Any], Config]:
-    """The config that a checkpoint brings with it, plain and typed, without what belongs to the run alone.
+def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
+    """The config that a checkpoint brings with it, without what belongs to the run alone.
 
     Args:
         trained: what a checkpoint has under ``runs.checkpoint.KEY``.
@@ -40,11 +40,11 @@ def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> tuple[dict
     Raises:
         UserError: as :func:`~sextant.config.trained.trained_config`.
     """
-    raw = {**trained["config"], "reuse": "exact", "init_from": None, "sweep": None}
-    config = trained_config(raw, trained["task"], trust=trust)
+    own = {**trained["config"], "init_from": None, "sweep": None}
+    config = trained_config(own, trained["task"], trust=trust)
     if (within := trained["spec"].get("features")) is not None:  # of another run's network, which is built as well
         trained_config(within["config"], within["task"], trust=trust)
-    return raw, config
+    return config
 
 
 def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from torch import nn
 
+from sextant.config import Config
 from sextant.config.building import build
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY
@@ -18,7 +19,7 @@ from sextant.trained.image_spec import image_spec
 TASKS = ("classification", "place_recognition")
 
 
-def classifier(raw: Mapping[str, Any], spec: Mapping[str, Any]) -> nn.Module:
+def classifier(config: Config, spec: Mapping[str, Any]) -> nn.Module:
     """The network of classification with new weights, and its inhibition: images in [0, 1] to logits.
 
     Raises:
@@ -26,32 +27,34 @@ def classifier(raw: Mapping[str, Any], spec: Mapping[str, Any]) -> nn.Module:
     """
     images = image_spec(spec)
     network = build(
-        raw,
+        config.plain,
         "backbone",
         in_channels=images.channels,
         image_size=(images.height, images.width),
         num_classes=len(images.classes),
     )
     try:
-        return build(raw, "inhibition")(network)  # type: ignore[no-any-return]
+        return build(config.plain, "inhibition")(network)  # type: ignore[no-any-return]
     except ValueError as error:
         raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
 
 
-def new_network(task: str, raw: Mapping[str, Any], spec: Mapping[str, Any]) -> nn.Module:
+def new_network(config: Config, spec: Mapping[str, Any]) -> nn.Module:
     """The network of one of :data:`TASKS` with new weights.
 
     Raises:
         UserError: a part cannot be built.
     """
-    return classifier(raw, spec) if task == "classification" else place_network(raw, spec, partial(build, raw))
+    if config.task.name == "classification":
+        return classifier(config, spec)
+    return place_network(config.plain, spec, partial(build, config.plain))
 
 
-def trained_network(raw: Mapping[str, Any], content: Mapping[str, Any], checkpoint: Path) -> Any:
+def trained_network(config: Config, content: Mapping[str, Any], checkpoint: Path) -> Any:
     """The network of a checkpoint of one of :data:`TASKS`, in evaluation mode.
 
     Args:
-        raw: its config, by :func:`~sextant.trained.content.own_config`.
+        config: its own, by :func:`~sextant.trained.content.own_config`.
         content: of the checkpoint, by :func:`~sextant.trained.content.read_trained`.
         checkpoint: its file, for messages.
 
@@ -59,7 +62,7 @@ def trained_network(raw: Mapping[str, Any], content: Mapping[str, Any], checkpoi
         UserError: a part cannot be built, or the weights do not fit or are not finite.
     """
     trained = content[KEY]
-    whole = nn.ModuleDict({"network": new_network(trained["task"], raw, trained["spec"])})
+    whole = nn.ModuleDict({"network": new_network(config, trained["spec"])})
     # what belongs to training alone, such as the state of a loss, is left out
     own = {name: value for name, value in content["state_dict"].items() if name.startswith("network.")}
     load_weights(whole, {"state_dict": own}, checkpoint)

@@ -32,7 +32,6 @@ def trained_place_network(
         raise UserError(
             f"a network of task={trained['task']} gives no place descriptor", "Name a run of task=place_recognition."
         )
-    raw, _ = own_config(trained, trust=trust)
-    spec = trained["spec"]
+    config, spec = own_config(trained, trust=trust), trained["spec"]
     size = ImageSize(spec["height"], spec["width"], spec["channels"])
-    return TrainedPlaceNetwork(trained_network(raw, content, file), size, model)
+    return TrainedPlaceNetwork(trained_network(config, content, file), size, model)

@@ -245,7 +245,7 @@ def test_of_a_run_of_places_the_backbone_is_looked_at(tmp_path, trained, monkeyp
     model = PlaceNet(backbone, GeM(backbone.channels, backbone.size), 16).eval()
     content = {network.KEY: {"task": "place_recognition", "spec": {"channels": 3, "height": 32, "width": 32}}}
     monkeypatch.setattr(network, "read_trained", lambda path: content)
-    monkeypatch.setattr(network, "own_config", lambda *given, **trust: ({}, None))
+    monkeypatch.setattr(network, "own_config", lambda *given, **trust: None)
     monkeypatch.setattr(network, "trained_network", lambda *given: model)
     images = torch.rand(2, 3, 32, 48)
     found = trained_features(str(trained), tmp_path, None, trust=False)

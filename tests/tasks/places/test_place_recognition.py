@@ -110,10 +110,10 @@ def test_the_last_layer_is_solved_for_after_the_last_epoch(folder, tmp_path):
     whitening = ["task.whitening={components: 64, shrinkage: 1.0}", "task.dimension=16", "task.baselines=false"]
     run = RunDirectory(execute(config(folder, tmp_path, *whitening)).directory)
     raw = yaml.safe_load(run.config.read_text())
-    module = model_from_checkpoint(raw, validate(raw), read_trained(run.last_checkpoint), run.last_checkpoint)
+    module = model_from_checkpoint(validate(raw), read_trained(run.last_checkpoint), run.last_checkpoint)
     kept = module.network.projection.weight.clone()
     torch.nn.init.zeros_(module.network.projection.weight)
-    train = PlaceRecognitionRecipe().source(raw, validate(raw)).read("train")
+    train = PlaceRecognitionRecipe().source(validate(raw)).read("train")
     solve_projection(module.network, train, PlaceTolerance("frames", 0, 1), Whitening(64, 1.0))
     torch.testing.assert_close(module.network.projection.weight, kept, rtol=1e-3, atol=1e-4)
 

@@ -91,8 +91,8 @@ class ImageClassifier:
         trained = content[KEY]
         if trained["task"] != "classification":
             raise UserError(f"{checkpoint} is a model of {trained['task']}, not of classification")
-        raw, _ = own_config(trained, trust=trust)
-        return cls(trained_network(raw, content, checkpoint), image_spec(trained["spec"]), str(checkpoint))
+        config = own_config(trained, trust=trust)
+        return cls(trained_network(config, content, checkpoint), image_spec(trained["spec"]), str(checkpoint))
 
     def classify(self, image: AnyImage) -> Classified:
         """What an image shows.

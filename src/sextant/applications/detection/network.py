@@ -53,8 +53,8 @@ def trained_features(reference: str, outputs: Path, layer: str | None, *, trust:
             f"run={reference} is a model of {trained['task']}; features are taken from {' or '.join(TASKS)}",
             "Name such a run, or leave run= out: preset= needs none.",
         )
-    raw, _ = own_config(trained, trust=trust)
-    network = trained_network(raw, content, found.checkpoint)
+    config = own_config(trained, trust=trust)
+    network = trained_network(config, content, found.checkpoint)
     spec = trained["spec"]
     before: nn.Module = nn.Identity()
     if trained["task"] == "place_recognition":

@@ -115,7 +115,7 @@ class PlaceMap:
         trained = content[KEY]
         if trained["task"] != "place_recognition":
             raise UserError(f"{found.checkpoint} is a model of {trained['task']}, not of place_recognition")
-        task: Any = own_config(trained, trust=trust)[1].task
+        task: Any = own_config(trained, trust=trust).task
         tolerances = {
             unit: PlaceTolerance(unit, **getattr(task.test_tolerance, unit).model_dump()) for unit in TOLERANCES
         }

@@ -84,7 +84,7 @@ def answering(trained: Trained) -> tuple[str, Answering]:
         from sextant.recipes.trained_model import model_from_checkpoint
         from sextant.trained.content import own_config
 
-        module = model_from_checkpoint(*own_config(trained.about, trust=trained.trust), trained.content, checkpoint)
+        module = model_from_checkpoint(own_config(trained.about, trust=trained.trust), trained.content, checkpoint)
         console.print(f"method {module.methods[0]}")
         return "score", module.predict_step
     from sextant.applications import ImageClassifier

@@ -1,8 +1,9 @@
 """A whole run: all groups together, and the rules that join them."""
 
-from typing import Literal, Self
+from collections.abc import Mapping
+from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from sextant.config.schema.calibration.cameras import BearingLoss, Parameterization, ParameterLoss, Sampling
 from sextant.config.schema.classification.augmentations import Augmentation
@@ -55,6 +56,7 @@ LOSSES_OF: dict[str, tuple[type[Part], ...]] = {
 class Config(Node):
     """A whole run."""
 
+    _plain: Mapping[str, Any] = PrivateAttr(default_factory=dict)
     dataset: Dataset
     corruption: TestConditions
     optimizer: Optimizer
@@ -89,6 +91,19 @@ class Config(Node):
     init_from: str | None
     reuse: Literal["exact", "any_code"]
     sweep: Sweep | None = None
+
+    @property
+    def plain(self) -> Mapping[str, Any]:
+        """The values that it was made of, untouched: parts are built of these, and checkpoints keep them."""
+        return self._plain
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _keep_plain(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        config = handler(values)
+        if isinstance(values, Mapping):
+            config._plain = values
+        return config
 
     @model_validator(mode="after")
     def _groups_belong_to_the_task(self) -> Self:
