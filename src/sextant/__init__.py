@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
-APPLICATIONS = ("ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap")
+APPLICATIONS = ("ExampleDetector", "ImageClassifier", "Localizer", "PhotoCalibrator", "PlaceMap")
 #: what is imported when it is asked for, and from where
 LAZY = {
     **dict.fromkeys(APPLICATIONS, "sextant.applications"),

@@ -8,6 +8,8 @@ from typing import Any
 
 _HERE = {
     "Classified": "sextant.applications.classification",
+    "Detection": "sextant.applications.detection.detector",
+    "ExampleDetector": "sextant.applications.detection.detector",
     "FailedPhoto": "sextant.applications.failures",
     "FailedPhotosError": "sextant.applications.failures",
     "ImageClassifier": "sextant.applications.classification",

@@ -1,10 +1,12 @@
 """Filters that are not configured yet, by what the user chose."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from torch import nn
 
-from sextant.applications.detection.options import PHOTO, DetectionOptions
+from sextant.applications.detection.options import PHOTO, PRESET_NAMES
+from sextant.errors import ArgumentError
 from sextant.layers.cosfire import (
     Blur,
     ConcentricCircles,
@@ -16,16 +18,19 @@ from sextant.layers.cosfire import (
     preset,
 )
 
-#: least score, with filters made by hand and with features of a network: cosines are seldom small
-THRESHOLD, NETWORK_THRESHOLD = 0.7, 0.8
 #: the least that a vector of a network counts, as a cosine: one that is missing does not silence a filter
 FLOOR = 0.05
 
 
-def preset_filter(options: DetectionOptions) -> Cosfire:
-    """A filter over Gabor filters or differences of Gaussians."""
-    name = options.preset or PHOTO
-    return _tolerant(photo_filter() if name == PHOTO else preset(name), options)
+def preset_filter(name: str) -> Cosfire:
+    """A filter over Gabor filters or differences of Gaussians.
+
+    Raises:
+        ArgumentError: there is no such preset.
+    """
+    if name not in PRESET_NAMES:
+        raise ArgumentError(f"preset={name} must be one of {', '.join(PRESET_NAMES)}", f"preset={PHOTO}")
+    return photo_filter() if name == PHOTO else preset(name)
 
 
 def photo_filter() -> Cosfire:
@@ -38,28 +43,34 @@ def photo_filter() -> Cosfire:
     )
 
 
-def network_filter(features: nn.Module, size: int, options: DetectionOptions) -> Cosfire:
+def network_filter(features: nn.Module, size: int) -> Cosfire:
     """A filter over the directions of feature vectors.
 
     Args:
         features: maps images to ``(b, size, y, x)``.
         size: numbers of a feature vector.
-        options: chosen by the user.
     """
-    filters = Cosfire(VectorBank(features, size), VectorKeypoints(), blur=Blur(0.67, 0.1), floor=FLOOR)
-    return _tolerant(filters, options)
+    return Cosfire(VectorBank(features, size), VectorKeypoints(), blur=Blur(0.67, 0.1), floor=FLOOR)
 
 
-def _tolerant(filters: Cosfire, options: DetectionOptions) -> Cosfire:
-    """With the moves that the user chose, those of the preset where nothing was; the example itself is among them."""
+def tolerant(
+    filters: Cosfire, rotations: int | None, scales: Sequence[float] | None, reflection: bool | None
+) -> Cosfire:
+    """With the moves that the user chose, those of the filter where nothing was; the example itself is among them.
+
+    Raises:
+        ArgumentError: no rotation, or a scale that is not above 0.
+    """
     own: Tolerance = filters.tolerance
-    scales = own.scales if options.scales is None else tuple(dict.fromkeys((1.0, *options.scales)))
-    filters.tolerance = replace(
-        own,
-        rotations=own.rotations if options.rotations is None else options.rotations,
-        span_deg=own.span_deg if options.rotations is None else 360.0,
-        scales=scales,
-        reflection=own.reflection if options.reflection is None else options.reflection,
-    )
+    try:
+        filters.tolerance = replace(
+            own,
+            rotations=own.rotations if rotations is None else rotations,
+            span_deg=own.span_deg if rotations is None else 360.0,
+            scales=own.scales if scales is None else tuple(dict.fromkeys((1.0, *scales))),
+            reflection=own.reflection if reflection is None else reflection,
+        )
+    except ValueError as error:
+        raise ArgumentError(str(error), "For example rotations=8, scales=(0.7, 1, 1.4)") from None
     filters.t3 = 0.0  # of the image's own strongest: what is found then hangs on what else there is. threshold= does it
     return filters

@@ -16,16 +16,20 @@ from sextant.data.photos.reading import FORMATS, SMALLEST_SIDE
 from sextant.data.upright import upright
 from sextant.errors import UserError
 
+AnyImage = Path | str | UInt8[ndarray, "h w *c"]
+
 
 @dataclass(frozen=True)
 class UprightImage:
     """A decoded image, perhaps smaller than its original.
 
     Attributes:
+        name: its file, for messages.
         picture: RGB bytes.
         width, height: of the upright original, pixels.
     """
 
+    name: str
     picture: UInt8[ndarray, "h w 3"]
     width: int
     height: int
@@ -46,6 +50,27 @@ class UprightImage:
         return (point[0] + 0.5) * across - 0.5, (point[1] + 0.5) * down - 0.5
 
 
+def upright_image(image: AnyImage | UprightImage, longest: int) -> UprightImage:
+    """An image of any size; larger ones are shrunk so that their longest side has ``longest`` pixels.
+
+    Raises:
+        UserError: as :func:`read_image`, or an array is not of bytes, grey or RGB.
+    """
+    if isinstance(image, UprightImage):
+        return image
+    if not isinstance(image, ndarray):
+        return read_image(Path(image), longest)
+    grey = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 1)
+    if image.dtype != np.uint8 or not image.size or not (grey or (image.ndim == 3 and image.shape[2] == 3)):
+        shape = "x".join(map(str, image.shape))
+        raise UserError(
+            f"the image is {image.dtype} {shape}; an image is uint8, height x width, or with 3 channels",
+            "Give its file.",
+        )
+    picture = np.broadcast_to(image.reshape(*image.shape[:2], -1), (*image.shape[:2], 3))
+    return UprightImage("the image", _shrunk(picture, longest), image.shape[1], image.shape[0])
+
+
 def read_image(path: Path, longest: int) -> UprightImage:
     """Decode an image of any size; larger ones are shrunk so that their longest side has ``longest`` pixels.
 
@@ -60,11 +85,15 @@ def read_image(path: Path, longest: int) -> UprightImage:
         if small is None:
             raise
         image, (height, width) = small, small.shape[:2]
+    return UprightImage(str(path), _shrunk(image, longest), width, height)
+
+
+def _shrunk(image: UInt8[ndarray, "h w 3"], longest: int) -> UInt8[ndarray, "h w 3"]:
     shrink = longest / max(image.shape[:2])
-    if shrink < 1:
-        size = (max(1, round(image.shape[1] * shrink)), max(1, round(image.shape[0] * shrink)))
-        image = np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BICUBIC))
-    return UprightImage(image, width, height)
+    if shrink >= 1:
+        return image
+    size = (max(1, round(image.shape[1] * shrink)), max(1, round(image.shape[0] * shrink)))
+    return np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BICUBIC))
 
 
 def _small(path: Path) -> UInt8[ndarray, "h w 3"] | None:

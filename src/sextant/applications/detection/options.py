@@ -1,36 +1,19 @@
-"""What may be chosen of detection from one example."""
+"""What may be chosen of detection from an example; imports nothing heavy."""
 
-from dataclasses import dataclass
+from sextant.errors import ArgumentError
 
 #: of ours for photos, then those of :data:`sextant.layers.cosfire.PRESETS` that detect (those of vessels delineate)
 PHOTO = "photo"
 PRESET_NAMES = (PHOTO, "bifurcation", "symbol", "digit", "traffic_sign")
+#: pixels of the longest side that larger images, examples too, are shrunk to; detections of an image, the strongest
+LONGEST, MAX_DETECTIONS = 800, 100
 
 
-@dataclass(frozen=True)
-class DetectionOptions:
-    """What the user chose; None leaves a choice to the filter.
-
-    Attributes:
-        point: x and y in pixels of the upright prototype; None is its middle.
-        preset: constants of the filter, one of :data:`PRESET_NAMES`.
-        layer: of a network whose features the filter looks at.
-        rotations: of the example that are found too, evenly over the circle.
-        scales: sizes of the example that are found too.
-        reflection: mirror images of the example are found too.
-        threshold: least score of a detection, a share of what the filter answers to its own prototype.
-        min_distance: pixels of an image within which two detections are one.
-        max_detections: of an image, the strongest.
-        longest: pixels of the longest side that larger images, the prototype too, are shrunk to.
-    """
-
-    point: tuple[float, float] | None = None
-    preset: str | None = None
-    layer: str | None = None
-    rotations: int | None = None
-    scales: tuple[float, ...] | None = None
-    reflection: bool | None = None
-    threshold: float | None = None
-    min_distance: float | None = None
-    max_detections: int = 100
-    longest: int = 800
+def check_point(point: tuple[float, float], size: tuple[int, int]) -> None:
+    """Raise an ``ArgumentError`` if a point lies outside an image of this width and height."""
+    (x, y), (width, height) = point, size
+    if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+        raise ArgumentError(
+            f"point={x:g},{y:g} lies outside the prototype of {width}x{height} pixels",
+            f"Choose x from 0 to {width - 1} and y from 0 to {height - 1}.",
+        )

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from sextant.applications.detection.options import DetectionOptions
-from sextant.cli.cosfire_detection.options import options_from
+from sextant.applications.detection.options import check_point
+from sextant.cli.cosfire_detection.options import DetectionOptions, options_from
 from sextant.data.photo_files import find_photos
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
@@ -45,16 +45,6 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
     if options.point is not None and size is not None:
         check_point(options.point, size)
     return DetectionInputs(prototype, find_photos(given["input"], output), output, options)
-
-
-def check_point(point: tuple[float, float], size: tuple[int, int]) -> None:
-    """Raise a ``UserError`` if a point lies outside an image of this width and height."""
-    (x, y), (width, height) = point, size
-    if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
-        raise UserError(
-            f"point={x:g},{y:g} lies outside the prototype of {width}x{height} pixels",
-            f"Choose x from 0 to {width - 1} and y from 0 to {height - 1}.",
-        )
 
 
 def _upright_size(path: Path) -> tuple[int, int] | None:

@@ -1,15 +1,18 @@
 """From one example and a folder of images to files of detections."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sextant.applications.detection.detector import Detector
-from sextant.applications.detection.filters import NETWORK_THRESHOLD, THRESHOLD, network_filter, preset_filter
+from jaxtyping import Float
+from numpy import ndarray
+
+from sextant.applications.detection.detector import Detection, ExampleDetector
 from sextant.applications.detection.images import UprightImage, read_image
+from sextant.applications.detection.network import TrainedFeatures
 from sextant.applications.detection.options import PHOTO
-from sextant.cli.cosfire_detection.inputs import DetectionInputs, check_point
+from sextant.cli.cosfire_detection.inputs import DetectionInputs
 from sextant.cli.cosfire_detection.telling import tell
 from sextant.cli.cosfire_detection.written_files import write_detections
 from sextant.cli.output_folder import telling_write_errors
@@ -21,9 +24,6 @@ from sextant.figures.cosfire.filter import cosfire_filter
 from sextant.figures.cosfire.responses import cosfire_responses
 from sextant.figures.style import save_figure
 
-if TYPE_CHECKING:
-    from sextant.applications.detection.network import TrainedFeatures
-
 #: the prototype's picture; its name is one that later commands do not take for an input
 FILTER_PICTURE = "filter_overlay"
 #: of images in which a filter has no room
@@ -32,8 +32,8 @@ SMALLER = "smaller than the filter"
 OTHER_SIZE = 1.25
 
 
-def predict_detections(inputs: DetectionInputs, network: "TrainedFeatures | None" = None) -> list[dict[str, Any]]:
-    """Configure a filter, find, write everything into ``output`` and tell it; what cannot be read is named.
+def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None = None) -> list[dict[str, Any]]:
+    """Configure a filter, find, write everything into ``output`` and show it; what cannot be read is named.
 
     Args:
         inputs: see there.
@@ -43,27 +43,51 @@ def predict_detections(inputs: DetectionInputs, network: "TrainedFeatures | None
         UserError: no filter can be made of the example, not one image could be used, or the disk is full.
     """
     options, output = inputs.options, inputs.output
-    prototype = read_image(inputs.prototype, options.longest)
-    if options.point is not None:
-        check_point(options.point, (prototype.width, prototype.height))
-    detector = _configured(inputs, prototype, network)
-    threshold = options.threshold or (THRESHOLD if network is None else NETWORK_THRESHOLD)
+    detector = ExampleDetector(
+        network,
+        preset=options.preset,
+        rotations=options.rotations,
+        scales=options.scales,
+        reflection=options.reflection,
+        longest=options.longest,
+    ).add(inputs.prototype, options.point)
+    detector.threshold = options.threshold or detector.threshold
+    (example,) = detector.examples
     with telling_write_errors(output):
-        example = prototype.tensor(detector.channels)
-        told = f"{inputs.prototype.name}: {detector.parts} parts"
-        save_figure(cosfire_filter(detector.filters, example, detector.point, title=told), output, FILTER_PICTURE)
+        pixels, told = example.image.tensor(detector.channels), f"{inputs.prototype.name}: {example.parts} parts"
+        save_figure(cosfire_filter(detector.filters, pixels, example.point, title=told), output, FILTER_PICTURE)
     rows: list[dict[str, Any]] = []
-    shrunk: list[float] = []
+    scales: list[float] = []
     with work_progress("detecting", "images") as progress:
         # the first name is taken by the filter's picture
         stems = file_stems([Path(FILTER_PICTURE.removesuffix("_overlay")), *inputs.paths])[1:]
         for number, (path, stem) in enumerate(zip(inputs.paths, stems, strict=True)):
             progress(number, len(inputs.paths))
-            rows.append(_row(path, stem, detector, inputs, threshold, shrunk.append))
+            try:
+                image = read_image(path, options.longest)
+                response, found = detector.find(
+                    image, min_distance=options.min_distance, max_detections=options.max_detections
+                )
+            except UserError as error:
+                rows.append({"file": str(path), "error": error.problem})
+                continue
+            scales.append(image.scale)
+            _draw(image, response, found, output, f"{stem}_overlay")
+            rows.append(
+                {
+                    "file": str(path),
+                    **({} if found or min(response.shape) > 2 * detector.radius else {"remark": SMALLER}),
+                    "width": image.width,
+                    "height": image.height,
+                    "strongest": round(float(response.max()), 4),
+                    "detections": [each.row() for each in found],
+                    "overlay": f"{stem}_overlay.png",
+                }
+            )
     facts: dict[str, Any] = {
         "prototype": str(inputs.prototype),
-        "filter": _filter_facts(detector, prototype, inputs, network),
-        "threshold": threshold,
+        "filter": _filter_facts(detector, {"preset": options.preset or PHOTO} if network is None else network.facts),
+        "threshold": detector.threshold,
         "min_distance": options.min_distance,
         "max_detections": options.max_detections,
         "longest": options.longest,
@@ -71,69 +95,30 @@ def predict_detections(inputs: DetectionInputs, network: "TrainedFeatures | None
     write_detections(rows, facts, output)
     skipped = skipped_of(rows, f"none of {len(rows):,} images could be used")
     written = [output / "detections.csv", output / "detections.json", output / f"{FILTER_PICTURE}.png"]
-    tell(rows, skipped, _remarks(rows, facts["filter"], prototype, shrunk, inputs), written)
+    tell(rows, skipped, _remarks(rows, facts["filter"], example.image, scales, inputs), written)
     return rows
 
 
-def _configured(inputs: DetectionInputs, prototype: UprightImage, network: "TrainedFeatures | None") -> Detector:
-    options = inputs.options
-    if network is None:
-        filters, channels = preset_filter(options), 1
-    else:
-        filters, channels = network_filter(network.features, network.size, options), network.channels
-    try:
-        return Detector(filters, prototype, options.point, channels)
-    except UserError as error:
-        size = prototype.picture.shape
-        where = "" if prototype.scale == 1 else f" (shrunk to {size[1]}x{size[0]} pixels)"
-        raise UserError(f"prototype={inputs.prototype}{where}: {error.problem}", error.fix) from None
-
-
-def _row(
-    path: Path,
-    stem: str,
-    detector: Detector,
-    inputs: DetectionInputs,
-    threshold: float,
-    note_scale: Callable[[float], object],
-) -> dict[str, Any]:
-    """What is found in one image, drawn as well; or why it cannot be used."""
-    options, row = inputs.options, {"file": str(path)}
-    try:
-        image = read_image(path, options.longest)
-        response, found = detector.find(
-            image, threshold=threshold, min_distance=options.min_distance, most=options.max_detections
-        )
-    except UserError as error:
-        return row | {"error": error.problem}
-    note_scale(image.scale)
+def _draw(
+    image: UprightImage, response: Float[ndarray, "y x"], found: Sequence[Detection], output: Path, name: str
+) -> None:
     points = [(*image.at((each.x, each.y)), each.score) for each in found]
-    with telling_write_errors(inputs.output):
-        drawn = cosfire_responses(image.picture, response, points, strongest=1.0, title=path.name)
-        save_figure(drawn, inputs.output, f"{stem}_overlay")
-    if not found and min(response.shape) <= 2 * detector.radius:
-        row["remark"] = SMALLER
-    return row | {
-        "width": image.width,
-        "height": image.height,
-        "strongest": round(float(response.max()), 4),
-        "detections": [each.row() for each in found],
-        "overlay": f"{stem}_overlay.png",
-    }
+    with telling_write_errors(output):
+        drawn = cosfire_responses(image.picture, response, points, strongest=1.0, title=Path(image.name).name)
+        save_figure(drawn, output, name)
 
 
-def _filter_facts(
-    detector: Detector, prototype: UprightImage, inputs: DetectionInputs, network: "TrainedFeatures | None"
-) -> Mapping[str, Any]:
-    filters, (x, y) = detector.filters, detector.point
-    source = {"preset": inputs.options.preset or PHOTO} if network is None else dict(network.facts)
-    return source | {
-        "x": round((x + 0.5) / prototype.scale - 0.5, 2),
-        "y": round((y + 0.5) / prototype.scale - 0.5, 2),
-        "parts": detector.parts,
-        "own_response": detector.own,
-        "tolerance": asdict(filters.tolerance),
-        "prototype_scale": prototype.scale,
+def _filter_facts(detector: ExampleDetector, source: Mapping[str, Any]) -> dict[str, Any]:
+    (example,) = detector.examples
+    scale = example.image.scale
+    return {
+        **source,
+        "x": round((example.point[0] + 0.5) / scale - 0.5, 2),
+        "y": round((example.point[1] + 0.5) / scale - 0.5, 2),
+        "parts": example.parts,
+        "own_response": example.own,
+        "tolerance": asdict(detector.filters.tolerance),
+        "prototype_scale": scale,
     }
 
 

@@ -1,0 +1,126 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from cli.cosfire_detection.drawn import drawn
+from PIL import Image
+from support import as_published
+
+from sextant.applications import ExampleDetector
+from sextant.errors import UserError
+from sextant.models import ResNetCifar
+
+BLOCKED = ("hydra", "omegaconf", "pytorch_lightning", "lightning", "mlflow", "rich", "matplotlib")
+
+
+@pytest.fixture
+def example(tmp_path):
+    return drawn(tmp_path / "example.png")
+
+
+@pytest.fixture
+def two(tmp_path):
+    """A picture with the example at one place and a disc at another."""
+    return drawn(tmp_path / "two.png", (320, 200), glyphs=((80, 70),), discs=((240, 120),))
+
+
+def places(found):
+    return [(each.x, each.y) for each in found]
+
+
+def test_what_the_example_shows_is_found(example, two):
+    detector = ExampleDetector().add(example, point=(110, 80))
+    (found,) = detector.detect(two)
+    assert (found.x, found.y) == pytest.approx((80, 70), abs=2)
+    assert found.score == pytest.approx(1, abs=1e-3)
+    assert (found.move, found.example) == (None, 0)
+    assert len(detector.detect(two, threshold=0.05)) > 1
+    assert len(detector.detect(two, threshold=0.05, max_detections=1)) == 1
+    assert len(detector.detect(two, threshold=0.05, min_distance=1000)) == 1
+
+
+def test_files_and_arrays_of_bytes_are_images_alike(example, two):
+    colour, grey = np.asarray(Image.open(two)), np.asarray(Image.open(two).convert("L"))
+    by_file = ExampleDetector().add(str(example)).detect(str(two))
+    assert ExampleDetector().add(np.asarray(Image.open(example))).detect(colour) == by_file
+    assert ExampleDetector().add(example).detect(grey) == by_file
+    assert ExampleDetector().add(example).detect(grey[..., None]) == by_file
+
+
+@pytest.mark.parametrize("moves", [{}, {"rotations": 4, "reflection": True}])
+def test_each_of_several_examples_is_found_and_told_apart(example, two, tmp_path, moves):
+    disc = drawn(tmp_path / "disc.png", glyphs=(), discs=((110, 80),))
+    detector = ExampleDetector(**moves).add(example).add(disc, point=(110, 80))
+    assert len(detector.filters) == 2 * (8 if moves else 1)
+    found = sorted(detector.detect(two), key=lambda each: each.x)
+    assert places(found) == [pytest.approx((80, 70), abs=2), pytest.approx((240, 120), abs=2)]
+    assert [each.example for each in found] == [0, 1]
+    assert [each.score for each in found] == pytest.approx([1, 1], abs=1e-3)  # each as a share of its own
+    alone = ExampleDetector(**moves).add(example).detect(two)
+    assert (alone[0].x, alone[0].y, alone[0].score) == (found[0].x, found[0].y, found[0].score)
+
+
+def test_an_example_that_is_refused_leaves_the_detector_as_it_was(example, two):
+    detector = ExampleDetector().add(example)
+    before = detector.detect(two)
+    for wrong, says in ((np.full((90, 90, 3), 7, np.uint8), "the image: .*is of one colour"), ("gone.png", "no such")):
+        with pytest.raises(UserError, match=says):
+            detector.add(wrong)
+    with pytest.raises(UserError, match="point=220,10 lies outside the prototype of 220x160 pixels"):
+        detector.add(example, point=(220, 10))
+    assert len(detector.examples) == 1
+    assert detector.detect(two) == before
+
+
+def test_nothing_is_detected_without_an_example(two):
+    with pytest.raises(UserError, match="there is no example yet"):
+        ExampleDetector().detect(two)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "says"),
+    [
+        ({"preset": "digits"}, "preset=digits must be one of photo, bifurcation"),
+        ({"rotations": 0}, "at least one rotation"),
+        ({"scales": (0.0, 1.0)}, "positive scales"),
+    ],
+)
+def test_choices_that_have_no_meaning_are_refused(chosen, says):
+    with pytest.raises(UserError, match=says):
+        ExampleDetector(**chosen)
+
+
+@pytest.mark.parametrize("image", [np.zeros((40, 40)), np.zeros((3, 40, 40), np.uint8), np.zeros((0, 4), np.uint8)])
+def test_what_is_no_image_is_refused(example, image):
+    with pytest.raises(UserError, match=r"the image is .*; an image is uint8"):
+        ExampleDetector().add(example).detect(image)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    torch.manual_seed(0)
+    return as_published(ResNetCifar(3, (32, 32), 10), tmp_path_factory.mktemp("model") / "model.pth.tar")
+
+
+def test_through_a_trained_network(model, example, two, tmp_path):
+    detector = ExampleDetector.load(model, tmp_path, layer="layer2", rotations=2).add(example)
+    (best, *_) = detector.detect(two)
+    assert (best.x, best.y) == pytest.approx((80, 70), abs=4)
+    assert (detector.threshold, best.move.rotation_rad) == (0.8, 0)
+    with pytest.raises(UserError, match="preset=digit does not go with features"):
+        ExampleDetector.load(model, tmp_path, layer="layer2", preset="digit")
+
+
+def test_neither_hydra_nor_lightning_nor_mlflow_need_be_there(model, example, two):
+    program = f"""
+import sys
+for name in {BLOCKED!r}:
+    sys.modules[name] = None
+import sextant
+print(len(sextant.ExampleDetector().add({str(example)!r}).detect({str(two)!r})))
+print(len(sextant.ExampleDetector.load({str(model)!r}, layer="layer1").add({str(example)!r}).detect({str(two)!r})) > 0)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("1\nTrue\n", "")
