@@ -1,8 +1,8 @@
-"""Folders of arrays with a header that tells what they are: how they are recognised, checked and refused.
+"""Folders of arrays with a header that says what they are: how they are recognised, checked and refused.
 
 The header is a JSON file that is written last, so that a folder in which writing was broken off has none; the arrays
 are ``.npy`` files, which are mapped into memory and never unpickled. The header has the hash of each array and one of
-itself; headers from before have none of themselves.
+itself; older headers have none of themselves.
 """
 
 import hashlib

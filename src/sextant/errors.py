@@ -7,7 +7,7 @@ from typing import Any
 
 
 class UserError(Exception):
-    """A mistake that the user can mend; commands print it as one message, never as a traceback.
+    """A mistake that the user can fix; commands print it as one message, never as a traceback.
 
     Args:
         problem: what is wrong, naming the key or file, the value, and what is allowed.

@@ -2,7 +2,7 @@
 
 A file that is sealed ends in a zip comment, ``sextant sha256`` and the hash of every byte before it. Contents and
 digest are one file, which is renamed into place at once: no kill comes between them, and a copy takes both. Any program
-that reads files of ``torch.save`` reads it. A zip without the comment (from before, or of others) has the CRC of each
+that reads files of ``torch.save`` reads it. A zip without the comment (an older one, or another program's) has the CRC of each
 part, which torch itself does not look at; a legacy pickle has nothing.
 """
 
@@ -23,7 +23,7 @@ DIGITS = 64
 BLOCK = 1 << 20
 #: the record that ends a zip: its signature, and its length with an empty comment, whose length is told last
 END, END_BYTES = b"PK\x05\x06", 22
-FIX = "Copy it again from where it came from; a checkpoint of a run without a copy is made anew by training again."
+FIX = "Copy it again from where it came from; a checkpoint of a run without a copy can only be recreated by training."
 
 
 def save_sealed(value: Any, file: BinaryIO) -> None:
@@ -63,7 +63,7 @@ def require_finite(tensors: Mapping[str, Any], path: Path, known: Container[str]
     Args:
         tensors: by name; what is no tensor of floating point is passed over.
         path: of the file that they come from.
-        known: names of those that are looked at; None for all.
+        known: names of those that are considered; None for all.
 
     Raises:
         UserError: one holds nan or infinity.

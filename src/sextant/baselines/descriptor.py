@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from sextant.baselines.grey import grey_images
 
-#: Images described at a time: bounds the memory to some megabytes beside input and result.
+#: Images described at a time: bounds the memory to some megabytes besides input and result.
 CHUNK = 512
 
 
@@ -43,7 +43,7 @@ class PlaceDescriptor(ABC):
         return np.concatenate([self.describe_grey(grey_images(chunk, self.height, self.width)) for chunk in chunks])
 
     def describe_query(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
-        """The same, of images of the query's condition; only descriptors learnt from pairs tell the two apart."""
+        """The same, of images of the query's condition; only descriptors learnt from pairs distinguish the two."""
         return self.describe(images)
 
     @abstractmethod

@@ -19,7 +19,7 @@ Indices: TypeAlias = Int64[Tensor, "b"] | Sequence[int] | int
 def require_images(images: Tensor) -> None:
     """Raise a ``UserError`` unless ``images`` are ``(b, c, h, w)``, grey or colour, floating, and within [0, 1].
 
-    Values are looked at once. A batch may be empty, an image not.
+    Values are considered once. A batch may be empty, an image not.
     """
     if not isinstance(images, Tensor):
         raise UserError(

@@ -137,7 +137,7 @@ class StoredSuite(CorruptionSuite):
 
 
 def folder_identity(folder: str | Path) -> str:
-    """Hash of what tells one folder of stored corruptions from another: record, labels, sizes and times of the files.
+    """Hash of what identifies a folder of stored corruptions: record, labels, sizes and times of the files.
 
     The files themselves are gigabytes and are not read.
     """

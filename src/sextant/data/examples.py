@@ -1,4 +1,4 @@
-"""Images to learn from by example: a network's own classes, and those that are told by few examples each."""
+"""Images to learn from by example: a network's own classes, and those known from few examples each."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class ExampleSettings:
-    """Which images are looked at.
+    """Which images are considered.
 
     Attributes:
         images: of the training split, the same number of each class as near as can be; None: all.
@@ -37,7 +37,7 @@ class ExampleData(ImageData):
     images are taken depends on the run's seed, the validation split does not.
 
     Args:
-        settings: which images are looked at.
+        settings: which images are considered.
         other arguments: as for :class:`ImageData`.
 
     Raises:

@@ -9,7 +9,7 @@ infinite if the rank exceeds n. If a new image is exchangeable with them, the in
 at least :math:`1 - \alpha`, and for scores without ties at most :math:`1 - \alpha + 1/(n + 1)`. Both are averages over
 validation sets and new images together; given one validation set the coverage scatters by about
 :math:`\sqrt{\alpha(1 - \alpha)/n}`, and it is not the coverage of any one kind of image. A checkpoint that was chosen
-on the same validation images makes their scores a little too small, which no formula here mends.
+on the same validation images makes their scores a little too small, which no formula here corrects.
 
 Crops of one panorama are not exchangeable with those of a new one. With m crops from each of K panoramas the guarantee
 is kept, for one crop of a new panorama, by giving the new panorama the weight of a whole one: among the n = K m scores

@@ -28,7 +28,7 @@ def share_interval(
 
     Args:
         values: one share a seed, in [0, 1].
-        trials: of all seeds together. Where all seeds agree they tell no spread, and as many independent trials are
+        trials: of all seeds together. Where all seeds agree they show no spread, and as many independent trials are
             supposed; without it the interval is nan then.
         confidence: coverage, in (0, 1).
 

@@ -1,4 +1,4 @@
-"""Differences with their intervals, beside the noise floor and the published value."""
+"""Differences with their intervals, next to the noise floor and the published value."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -13,7 +13,7 @@ from sextant.layers.push_pull_avg import AvgChoice, PushPullAvgConv2d
 from sextant.layers.surgery import Conversion, Rule, candidates, convert, exactly, first_conv, some
 
 EVEN = "push-pull with scale > 1 needs odd kernel sides"
-KEPT = "_convolutions_without_inhibition"  # what inhibit left alone, beside the network's own attributes
+KEPT = "_convolutions_without_inhibition"  # what inhibit left alone, next to the network's own attributes
 #: where a module keeps hooks, which would stay behind on one that is replaced, and what they are called
 HOOKS = {
     "_forward_pre_hooks": "forward pre",
@@ -55,7 +55,7 @@ class PushPullInhibition:
     impl: Choice = "auto"
 
     def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it; :func:`skipped` tells what stayed, :func:`inhibit` the errors."""
+        """Change ``network`` in place and return it; :func:`skipped` lists what stayed, :func:`inhibit` the errors."""
 
         def layer(conv: nn.Conv2d) -> nn.Module:
             return PushPullConv2d.from_conv(
@@ -85,7 +85,7 @@ class PushPullAvgInhibition:
     impl: AvgChoice = "box"
 
     def __call__(self, network: nn.Module) -> nn.Module:
-        """Change ``network`` in place and return it; :func:`skipped` tells what stayed, :func:`inhibit` the errors."""
+        """Change ``network`` in place and return it; :func:`skipped` lists what stayed, :func:`inhibit` the errors."""
 
         def layer(conv: nn.Conv2d) -> nn.Module:
             return PushPullAvgConv2d.from_conv(
@@ -113,7 +113,7 @@ def inhibit(
     Raises:
         ValueError: the network has no convolution, none after its stem, or its first one cannot be replaced; or
             ``where`` is neither a string nor several.
-        UserError: a pattern matches no convolution that can be replaced; it tells why, and names some that can.
+        UserError: a pattern matches no convolution that can be replaced; it says why, and names some that can.
     """
     objection = partial(_objection, odd=odd)
     path, conv = first_conv(network)

@@ -1,4 +1,4 @@
-"""A map: images, told by their descriptors, at known poses."""
+"""A map: images, given by their descriptors, at known poses."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from torch import Tensor
 from sextant.errors import UserError
 from sextant.geometry.planar import wrap_angle
 
-#: Descriptor rows that are looked at together, so that a mapped file larger than memory is read in pieces.
+#: Descriptor rows that are considered together, so that a mapped file larger than memory is read in pieces.
 BLOCK = 16_384
 NAMED = 5
 
@@ -63,7 +63,7 @@ class DescriptorMap:
             raise UserError("the map is empty: it has no image with a descriptor", "Name images with known poses.")
         _refuse(~torch.isfinite(poses).all(dim=1), "poses that are not finite", "Leave these images out.")
         broken = torch.cat([~torch.isfinite(rows).all(dim=1) for rows in descriptors.split(BLOCK)])
-        _refuse(broken, "descriptors that are not finite", "Leave these images out, or describe them anew.")
+        _refuse(broken, "descriptors that are not finite", "Leave these images out, or describe them again.")
         first = _first_of_equals(poses)
         repeated = first != torch.arange(len(poses))
         if merge_duplicates and bool(repeated.any()):

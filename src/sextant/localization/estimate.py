@@ -27,7 +27,7 @@ SHIFTS = 2
 LEAST_MODE_MASS = 0.05
 #: What a box must hold to be in a group: a mode on the corner of boxes is shared by eight of them.
 BOX_MASS = LEAST_MODE_MASS / 8
-#: Boxes of a run that are looked at, the heaviest.
+#: Boxes of a run that are considered, the heaviest.
 BOXES = 64
 
 
@@ -38,7 +38,7 @@ class Estimate:
     Attributes:
         pose: its mean.
         covariance: about the mean, of the particles within the radius only; axes x, y of the map and heading.
-        mass: of the particles within the radius: how sure the filter is of this part.
+        mass: of the particles within the radius: the filter's confidence in it.
         modes: groups of neighbouring boxes that hold more than 5 % of the mass together; 0 if the belief is spread so
             wide that no box stands out.
     """

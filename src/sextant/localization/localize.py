@@ -22,7 +22,7 @@ Watch = Callable[[int, Belief], None]
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What a filter told of r runs in t steps.
+    """A filter's estimates of r runs in t steps.
 
     Attributes:
         pose: the mean of the heaviest mode.
@@ -31,7 +31,7 @@ class Track:
         modes: how many there are.
         ess: effective particles, before resampling.
         particles: how many there were.
-        injected: how many of them were drawn anew by the recovery.
+        injected: how many of them were drawn again by the recovery.
         degenerate: steps in which no particle explained the observation.
         seconds: that each step took, for all runs together.
     """
@@ -68,11 +68,11 @@ def localize(
         start: where the particles are before the first image.
         observer: the sensor.
         frames: which frame of the drive each run is at in each step.
-        motion: what odometry tells from the step before; that of the first step is not used.
+        motion: odometry since the step before; that of the first step is not used.
         seen: whether there is an image.
         generator: of all random numbers.
         particles: of a run, unless their number adapts.
-        radius: of the mode that is told, in the unit of the map.
+        radius: of the mode that is reported, in the unit of the map.
         watch: sees every belief.
         progress: called with steps done and steps in all.
     """

@@ -19,7 +19,7 @@ class Observer(ABC):
 
     @abstractmethod
     def observe(self, frames: Int64[ndarray, " r"]) -> Evidence:
-        """What the sensor tells at one frame of the drive for each of r runs."""
+        """The sensor's evidence at one frame of the drive for each of r runs."""
 
 
 class Camera(Observer):

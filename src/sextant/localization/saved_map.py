@@ -1,7 +1,7 @@
 """Maps on disk: a fitted observation model with its likelihood, as arrays that are mapped into memory and a header.
 
 A folder holds ``map.json`` and one ``.npy`` file for each array: ``poses``, ``descriptors``, ``mean`` and, under
-``state``, what the model worked out. The header has the size and hash of every file and is written last, so that a
+``state``, what the model computed. The header has the size and hash of every file and is written last, so that a
 folder in which writing was broken off is not taken for a map. Nothing is pickled.
 """
 
@@ -79,7 +79,7 @@ def write_header(
 
     Args:
         folder: with :func:`array_path` of every array.
-        model: its class and arguments are told; it need not be fitted.
+        model: its class and arguments are written; it need not be fitted.
         kernel, likelihood, facts: as for :func:`save_map`.
         arrays: names of all of them.
 

@@ -41,7 +41,7 @@ from sextant.localization.spatial_order import spatial_order
 TILE = 4096
 PROGRESS, INCOMING = "building.json", "incoming"
 FORMAT = "sextant.tiled_map_in_the_making"
-#: told how many images are done with the step that is under way, and of how many
+#: called with the number of images done in the current step, and of all
 Told = Callable[[int, int], None]
 
 

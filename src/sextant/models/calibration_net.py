@@ -59,7 +59,7 @@ class CalibrationNet(nn.Module):
         if self.coordinates:
             x = torch.cat([x, coordinate_channels(images.shape[-2], images.shape[-1], aspect.to(x))], 1)
         features = F.relu(self.backbone(x.contiguous(memory_format=torch.channels_last)))
-        # a camera is worked out in single precision, whatever the network was: of three digits tilt would lose degrees
+        # a camera is computed in single precision, whatever the network was: of three digits tilt would lose degrees
         unit = torch.sigmoid(torch.cat([head(features) for head in self.values], 1).float())
         log_scale = torch.cat([head(features.detach()) for head in self.scales], 1).float()
         return CalibrationOutput(unit, log_scale.clamp(*LOG_SCALE))

@@ -37,7 +37,7 @@ def learned_whitening(
         features: of places, each seen under two or more conditions.
         place: of each image, from 0 on without gaps.
         dimension: k, numbers that come out.
-        components: principal components that are looked at; fewer where the features do not span as many.
+        components: principal components that are considered; fewer where the features do not span as many.
         shrinkage: γ, above 0.
 
     Raises:

@@ -34,7 +34,7 @@ def sobel(grey: Float[Tensor, "b 1 h w"]) -> tuple[Float[Tensor, "b 1 h w"], Flo
 
 
 class OrientedGradients(nn.Module):
-    """Histograms of edge orientation in cells, beside the averages of all channels; see the module.
+    """Histograms of edge orientation in cells, together with the averages of all channels; see the module.
 
     Args:
         orientations: number of bins over half a turn.

@@ -2,7 +2,7 @@
 
 A place is recognised by where its edges are, under any light. So the first layer, which learns nothing, divides out the
 light: of every pixel the mean of its surroundings is taken off and their contrast divided out. Group normalisation
-judges each image alone: statistics of a batch would tell its conditions to one another.
+judges each image alone: statistics of a batch would leak its conditions to one another.
 """
 
 import math

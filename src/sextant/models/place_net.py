@@ -72,7 +72,7 @@ class PlaceNet(nn.Module):
         Args:
             images: some hundreds of the training images, in [0, 1].
             generator: of the CPU; draws the features and seeds the clustering.
-            most: features that are looked at.
+            most: features that are considered.
         """
         if not isinstance(self.pooling, NetVLAD):
             return False

@@ -1,7 +1,7 @@
 """The networks that the push-pull paper's authors published, from their files into networks of ours.
 
 A file is a legacy torch pickle of ``{epoch, state_dict, best_prec1}``. It names neither the architecture nor the
-inhibition, but its keys and shapes tell both: a convolution stored as ``conv1.push.weight`` is a push-pull layer. Its h
+inhibition, but its keys and shapes show both: a convolution stored as ``conv1.push.weight`` is a push-pull layer. Its h
 and α are not stored; the authors' training script never changes them from 2 and 1, in a layer without bias.
 
 Source: https://github.com/nicstrisc/Push-Pull-CNN-layer, folder ``models``, MIT licence.
@@ -28,7 +28,7 @@ FIX = "Give a checkpoint.pth.tar or model_best.pth.tar of https://github.com/nic
 
 @dataclass(frozen=True)
 class PublishedCheckpoint:
-    """A published network and what its file tells about it.
+    """A published network and what its file says about it.
 
     Attributes:
         network: in evaluation mode; takes images in [0, 1].

@@ -13,7 +13,7 @@ from sextant.retrieval.triplet_mining import Mined, draw_column
 
 Positive = Literal["nearest", "random", "furthest"]
 
-#: Pairs that are looked at at a time: some tens of megabytes.
+#: Pairs that are considered at a time: some tens of megabytes.
 BLOCK = 2**20
 
 
@@ -21,13 +21,13 @@ BLOCK = 2**20
 class CachedHardMining:
     """For each of some anchors, the nearest negatives among a sample of the training set.
 
-    The caller keeps the cache: descriptors of all training images, in their order, computed anew every ``refresh``
+    The caller keeps the cache: descriptors of all training images, in their order, computed again every ``refresh``
     steps. Triplets are indices into the training set; :func:`~sextant.retrieval.gathered` makes a batch of them.
 
     Args:
         refresh: training steps between two computations of the cache; for the caller.
         anchors: drawn from the training set each time.
-        candidates: among which negatives are looked for, drawn anew each time for all anchors together.
+        candidates: among which negatives are looked for, drawn again each time for all anchors together.
         negatives: of each anchor; fewer if fewer candidates are negatives of it.
         positive: which positive of the whole training set is taken, by the cached descriptors.
 
@@ -64,7 +64,7 @@ class CachedHardMining:
         Args:
             cache: descriptors of the training set.
             places: of the same images, on the same device.
-            tolerance: tells positives from negatives.
+            tolerance: separates positives from negatives.
             generator: of the CPU.
 
         Raises:

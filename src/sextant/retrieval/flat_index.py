@@ -1,7 +1,7 @@
 """An index of descriptors that is searched whole: exact, and fast enough for one camera and a city.
 
 One query reads ``4 n d`` bytes once, 88 MB for 172,000 descriptors of 128 values, which is what a product of a matrix
-with a vector costs; picking the best costs little beside it. See :mod:`sextant.retrieval.nearest` for how.
+with a vector costs; picking the best costs little compared with it. See :mod:`sextant.retrieval.nearest` for how.
 
 On disk an index is a folder of ``descriptors.npy``, which is mapped into memory, and ``index.json``.
 """
@@ -25,7 +25,7 @@ KIND = FolderFormat("an index", "sextant.flat_index", 1, HEADER)
 class FlatIndex:
     """Exact search by cosine similarity or Euclidean distance.
 
-    Finiteness and norms are worked out here, once, and not for each query.
+    Finiteness and norms are computed here, once, and not for each query.
 
     Args:
         descriptors: one a row. For cosine similarity a copy of norm one is kept; for Euclidean distance the array
@@ -81,7 +81,7 @@ class FlatIndex:
     def search(self, queries: Float32[ndarray, "m d"], k: int = 1) -> Neighbours:
         """The k most similar descriptors of every query, best first; of equal ones the lower index first.
 
-        The neighbours are the same however queries are grouped into calls. Memory beside the result: about 64 MiB.
+        The neighbours are the same however queries are grouped into calls. Memory besides the result: about 64 MiB.
 
         Args:
             queries: one descriptor a row.

@@ -3,7 +3,7 @@
 A matrix product in float32 gives all scores of a block of queries, up to rounding: for d terms each differs from the
 true value by at most ``ε = (d + 2) u ||q|| ||r||`` with the machine's u. So the k best are among the references whose
 score is within ``2 ε`` of the k-th best score. Only these few are compared again, in float64 and term by term in the
-same order, and equal ones are told apart by their index.
+same order, and ties are broken by index.
 
 The k-th best score is not looked for among all n: with the references dealt out into groups, k group maxima are k
 scores, so the k-th best maximum bounds it from below. That is one pass of maxima and one of comparisons.
@@ -108,7 +108,7 @@ def nearest_neighbours(
 def search_prepared(references: PreparedReferences, query: Float32[ndarray, "m d"], k: int = 1) -> Neighbours:
     """The k most similar references of every query; see the module.
 
-    Memory beside the result: ``BLOCK`` scores, or one query's if there are more references than that.
+    Memory besides the result: ``BLOCK`` scores, or one query's if there are more references than that.
 
     Raises:
         ValueError: k is out of range, the dimensions differ, or a query is not finite.

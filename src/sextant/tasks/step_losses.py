@@ -10,7 +10,7 @@ class StepLosses:
     """A buffer of the last ``every`` losses: no transfer and no logging call at each step.
 
     Args:
-        every: how many steps are looked at together.
+        every: how many steps are considered together.
     """
 
     def __init__(self, every: int):

@@ -24,7 +24,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
         reporter: hears of each run that is sent, and of what the store refuses.
 
     Returns:
-        How many runs, and parents of sweeps, were made or mended.
+        How many runs, and parents of sweeps, were made or repaired.
 
     Raises:
         UserError: the server does not answer any more, or the store refused a run; the others are up to date then.
@@ -36,12 +36,12 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
         base = f"{str(state.get('digest'))[:8]}-s{state.get('seed')}"
         try:
             with run_lock(directory.path.parent, base, wait=False):
-                mended = _refill_one(store, directory, reporter)
+                repaired = _refill_one(store, directory, reporter)
         except LockedError:
             continue
-        if mended:
+        if repaired:
             changed.append(directory)
-        elif mended is False:
+        elif repaired is False:
             refused.append(f"{directory.path.parent.name}/{directory.path.name}")
     parents = refill_parents(store, outputs, changed, all_of_them=all_of_them)
     if refused:
@@ -50,7 +50,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
 
 
 def catch_up(kind: Kind, uri: str | None, outputs: Path, reporter: Reporter) -> None:
-    """Send to a store what runs before could not; what fails is told and stops nothing."""
+    """Send to a store what runs before could not; what fails is reported and stops nothing."""
     try:
         with telling_store_errors(uri):
             store = open_store(kind, uri, outputs)

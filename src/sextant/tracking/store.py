@@ -162,7 +162,7 @@ def _make_database(database: Path) -> None:
 
 
 def _require_sqlite(database: Path) -> None:
-    """Raise ``sqlite3.Error`` if the file is there and not a database; MLflow would tell it in a traceback."""
+    """Raise ``sqlite3.Error`` if the file is there and not a database; MLflow would report it in a traceback."""
     connection = sqlite3.connect(database, timeout=20)
     try:
         connection.execute("PRAGMA schema_version")

@@ -61,7 +61,7 @@ def refill_parents(
     Returns:
         How many were made or ended.
     """
-    mended = 0
+    repaired = 0
     for file in sorted(outputs.glob("sweeps/*/cells.json")):
         tracking = read_plan(file.parent).tracking
         if not (all_of_them or store.is_at(tracking.get("kind"), tracking.get("uri"))):
@@ -70,13 +70,13 @@ def refill_parents(
             with run_lock(outputs / "sweeps", file.parent.name, wait=False):
                 plan = read_plan(file.parent)
                 if all_of_them or not _deleted(store, plan):
-                    mended += _mend(store, outputs, plan, file.parent / "report", changed)
+                    repaired += _repair(store, outputs, plan, file.parent / "report", changed)
         except LockedError:
             continue
-    return mended
+    return repaired
 
 
-def _mend(store: Store, outputs: Path, plan: SweepPlan, report: Path, changed: Sequence[RunDirectory]) -> bool:
+def _repair(store: Store, outputs: Path, plan: SweepPlan, report: Path, changed: Sequence[RunDirectory]) -> bool:
     """Whether the parent had to be made again, or to be ended: it is RUNNING although no process runs its sweep."""
     if not plan.mlflow_runs:
         return False

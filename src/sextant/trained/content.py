@@ -50,7 +50,7 @@ def own_config(trained: Mapping[str, Any], *, trust: bool = False) -> Config:
 def load_weights(module: "nn.Module", content: Mapping[str, Any], checkpoint: Path) -> None:
     """Load what a checkpoint holds into a module, in place.
 
-    What a task has noted beside its weights, such as the score of what was never seen, may be infinite.
+    What a task stores besides its weights, such as the score of what was never seen, may be infinite.
 
     Raises:
         UserError: the weights do not fit, or are not finite.

@@ -20,7 +20,7 @@ def trained_place_network(
     Args:
         content: of its checkpoint.
         file: that the weights come from, for messages.
-        model: what tells it from other networks.
+        model: what distinguishes it from other networks.
         trust: build parts of the user's own that the config names.
 
     Raises:

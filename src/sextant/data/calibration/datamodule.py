@@ -24,7 +24,7 @@ class CalibrationData(pl.LightningDataModule):
         distribution: of cameras in training and validation.
         test_distribution: of cameras in the test; None for the same.
         size: height and width of a crop in pixels.
-        crops_per_panorama: by split; those of training are drawn anew every epoch.
+        crops_per_panorama: by split; those of training are drawn again every epoch.
         batch_size: crops in a training batch.
         eval_batch_size: crops in a validation or test batch.
         seed: of the training draws and their order.

@@ -55,7 +55,7 @@ class Panoramas:
         return np.asarray(self.images[self._rows[i]])
 
     def level(self, i: int, level: int) -> UInt8[ndarray, "h w 4"]:
-        """Panorama ``i`` halved ``level`` times, padded; worked out once and kept while :data:`KEPT_BYTES` last."""
+        """Panorama ``i`` halved ``level`` times, padded; computed once and kept while :data:`KEPT_BYTES` last."""
         return self._levels.get((int(self._rows[i]), level), lambda: padded(self._halved(i, level)))
 
     def level_on(self, i: int, level: int, device: "torch.device") -> "UInt8[Tensor, '3 h w']":
@@ -173,7 +173,7 @@ class PanoramaMix:
 
 
 def panorama_count(source: PanoramaSource, split: Split) -> int | None:
-    """Panoramas of a split, those of training as often as they are shown; None where only reading tells."""
+    """Panoramas of a split, those of training as often as they are shown; None where only reading them shows it."""
     if isinstance(source, PanoramaMix):
         counts = [panorama_count(part, split) for part in source.sources]
         repeats = source.repeats if split == "train" else [1] * len(counts)

@@ -19,7 +19,7 @@ from sextant.data.localization.source import LocalizationSource
 
 
 class Vectors(Protocol):
-    """Gives drives the descriptors that were worked out for them elsewhere."""
+    """Gives drives the descriptors that were computed for them elsewhere."""
 
     def of(self, drive: Drive, count: int) -> Float32[ndarray, "n d"]:
         """The vectors of a drive of ``count`` images."""

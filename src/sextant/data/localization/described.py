@@ -1,4 +1,4 @@
-"""Descriptors of the images of a drive, worked out once and kept on disk.
+"""Descriptors of the images of a drive, computed once and kept on disk.
 
 All runs of a sweep look at the same images with the same descriptor. A folder in the cache holds what was described,
 under a name that follows from the descriptor's identity, the dataset's fingerprint and the drive; it is written whole

@@ -1,4 +1,4 @@
-"""One drive: what a robot saw and what its wheels told, frame by frame, with the truth."""
+"""One drive: what a robot saw and what its wheels reported, frame by frame, with the truth."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -22,15 +22,15 @@ class Drive:
         name: of the drive, unlike that of any other of the dataset.
         condition: season, weather or light.
         poses: the truth: x, y (metres, or frames along a railway) and heading in rad, counter-clockwise from x.
-        motion: what odometry tells, increments ``b_from_c`` in the robot's frame: row ``i`` leads from frame ``i - 1``
+        motion: odometry, as increments ``b_from_c`` in the robot's frame: row ``i`` leads from frame ``i - 1``
             to frame ``i``, row 0 is zero, and a row of nan is missing. None where there is no odometry at all.
         images: one a frame, read when they are indexed; or None.
         seen: frames whose image and scan may be used.
-        frames: number of each frame in the drive of the dataset that it is one of: an index into what was worked out
+        frames: number of each frame in the drive of the dataset that it is one of: an index into what was computed
             for all images of that drive. A fault may repeat frames, or put them in another order.
         laser: ranges in metres, or None.
         times_s: seconds, rising, or None.
-        kidnaps: frames at which the robot stands elsewhere than odometry tells, without any sign of it.
+        kidnaps: frames at which the robot stands elsewhere than odometry says, without any sign of it.
         odometry: where ``motion`` comes from.
     """
 

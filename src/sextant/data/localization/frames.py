@@ -43,7 +43,7 @@ class Photos:
     Attributes:
         folder: that the names are relative to.
         names: of the files.
-        times_s: that all names tell, or None.
+        times_s: from the names, if all contain a time, or None.
     """
 
     folder: Path
@@ -54,7 +54,7 @@ class Photos:
         return len(self.names)
 
     def read(self, size: Size) -> Iterator[Frame]:
-        """All images, stretched to a size; what cannot be decoded is told."""
+        """All images, stretched to a size; what cannot be decoded is reported."""
         for name in self.names:
             path = self.folder / name
             if not path.is_file():
@@ -109,7 +109,7 @@ class Video:
         return math.ceil(self.frames / self.every)
 
     def read(self, size: Size) -> Iterator[Frame]:
-        """The frames, stretched to a size; those that cannot be decoded are told."""
+        """The frames, stretched to a size; those that cannot be decoded are reported."""
         import cv2
 
         height, width, channels = size

@@ -20,7 +20,7 @@ class LocalizationData:
         validation: drives that temperatures and noise are fitted on; no frame of them is in ``test``.
         validation_map: what ``validation`` is localized in; None where that is ``map``.
         unit: of x and y; ``frames`` along a railway, where y and heading are zero.
-        protocol: by which success is told.
+        protocol: by which success is judged.
         scanner: that made the laser scans, or None.
         other_maps: the route of ``map`` under other conditions. They may be the drives of ``test``.
         notes: what a reader of results should know: files that were left out, odometry that is missing.

@@ -27,7 +27,7 @@ class OdometryFile:
     Attributes:
         poses: x, y, heading.
         times_s: seconds, rising; None for a table.
-        names: the file of each row, if the table tells.
+        names: the file of each row, if the table has them.
     """
 
     poses: Float64[ndarray, "n 3"]

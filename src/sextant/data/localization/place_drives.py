@@ -46,7 +46,7 @@ class RailwayDrives:
         """All drives, decoded at the first time.
 
         Raises:
-            UserError: frames cannot be read, or there is no condition beside the map's.
+            UserError: frames cannot be read, or there is no condition besides the map's.
         """
         conditions = _several(self.conditions())
         train, val, test = (self.dataset.read(split) for split in ("train", "val", "test"))
@@ -80,7 +80,7 @@ class RailwayDrives:
 
 
 class PlaceFolderDrives:
-    """The user's traverses, where their table tells positions and headings.
+    """The user's traverses, where their table has positions and headings.
 
     The first traverse of the test is the map. Headings of tables are degrees counter-clockwise from x; those of UTM
     names are compass bearings, clockwise from north. Odometry is that of a simulated car.

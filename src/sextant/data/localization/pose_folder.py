@@ -37,7 +37,7 @@ VALIDATION_SHARE = 0.25
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """What a folder tells, before an image is decoded."""
+    """What a folder contains, before an image is decoded."""
 
     paths: list[Path]
     poses: Float64[ndarray, "n 3"]
@@ -51,7 +51,7 @@ class PoseFolder:
     ========= ==========================================================================================================
     ``csv``   a table ``file,x,y,heading`` in metres and degrees counter-clockwise from x, already in the plane
     ``tum``   lines ``timestamp tx ty tz qx qy qz qw``; an image has the pose at the time in its name, interpolated, or,
-              where names tell no time, the pose of its number
+              where names contain no time, the pose of its number
     ``kitti`` lines of 12 numbers, the rows of a 3x4 matrix ``world_from_camera``; the i-th image has the i-th pose
     ========= ==========================================================================================================
 
@@ -66,14 +66,14 @@ class PoseFolder:
         validation: likewise for fitting temperatures and noise; None takes them from the start of each test drive.
         poses: format of the files of poses.
         pose_file: name of that file in each drive's folder; None for ``poses.csv`` or ``poses.txt``.
-        odometry: name of a file of the same format with the poses that odometry tells, in a frame of its own; None
+        odometry: name of a file of the same format with the poses of odometry, in a frame of its own; None
             where nothing is known about motion.
         times: ``names`` (seconds, or whole nano- or microseconds), ``order``, or a file with a line an image; None for
-            ``names`` with TUM poses if all names tell a time, and else ``order``.
+            ``names`` with TUM poses if all names contain a time, else ``order``.
         plane: the axes of the world that the robot moves along.
         ahead: the axis of the posed body that looks ahead, ``z`` for a camera and ``x`` for a robot.
         mounting: where the camera is on the posed body: metres ahead, metres to the left, degrees to the left.
-        protocol: by which success is told, ``office`` or ``town``.
+        protocol: by which success is judged, ``office`` or ``town``.
         max_gap_s: longest time between two images of a drive, and between the poses around an image; None for any.
         height: rows that images are stretched to.
         width: columns that images are stretched to.
@@ -262,7 +262,7 @@ class PoseFolder:
         return _Frames(paths, poses, odometry, own if times is None else times)
 
     def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
-        """When the images were taken, if anything but the poses tells it."""
+        """When the images were taken, if anything but the poses says so."""
         if self.times is None:
             return times_of_names(paths) if self.poses == "tum" else None
         if self.times == "order":
@@ -280,7 +280,7 @@ class PoseFolder:
     def _trajectory(
         self, file: Path, folder: Path, paths: list[Path], times: Float64[ndarray, "n"] | None, key: str
     ) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n"] | None]:
-        """Poses of the camera in the plane at the images, and the times that the file tells of them."""
+        """Poses of the camera in the plane at the images, and the times that the file gives for them."""
         told: Float64[ndarray, "m"] | None = None
         if self.poses == "csv":
             poses = self._table(file, folder, paths, key)

@@ -26,7 +26,7 @@ def time_in_name(name: str) -> float | None:
 
 
 def times_of_names(paths: Sequence[Path]) -> Float64[ndarray, "n"] | None:
-    """Seconds in the names of images, or None if some name tells none."""
+    """Seconds in the names of images, or None if some name contains none."""
     times = [time_in_name(path.name) for path in paths]
     return None if None in times else np.array(times, np.float64)
 

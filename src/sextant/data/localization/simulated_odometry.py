@@ -30,7 +30,7 @@ FRAME_SIGMA = 0.1
 def simulated_motion(
     poses: Float64[ndarray, "n 3"], noise: OdometryNoise, scale: float, seed: int, drive: str
 ) -> Float64[ndarray, "n 3"]:
-    """Motions that wheels tell along true poses; drives of other names err otherwise.
+    """Motions that wheels report along true poses; drives of other names err differently.
 
     Args:
         poses: the truth.

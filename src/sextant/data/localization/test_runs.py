@@ -16,9 +16,9 @@ class TestRuns:
     """Runs side by side, step by step. A run that ends before the last step stands still there, unseen.
 
     Attributes:
-        frames: of the drive, which tells descriptors and scans.
+        frames: of the drive, which index descriptors and scans.
         poses: the truth.
-        motion: what odometry tells; nan where it is missing.
+        motion: odometry; nan where it is missing.
         seen: whether the frame may be looked at.
         lengths: steps of each run.
         kidnapped_at: the step at which each run stands elsewhere; -1 for none.

@@ -57,7 +57,7 @@ class TownSeasonsDrives(_TownSource):
         """All drives, rendered first if need be.
 
         Raises:
-            UserError: there is no condition beside the map's.
+            UserError: there is no condition besides the map's.
         """
         conditions = self.conditions()
         if len(conditions) < 2:

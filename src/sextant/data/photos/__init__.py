@@ -2,7 +2,7 @@
 
 Pixels are those of the *upright original*: columns and rows after the EXIF orientation, from the top left corner, with
 centres at + 0.5. A photo with more than 64 megapixels is decoded at a half, a third, ... of its size, so that memory is
-bounded; all lengths are still told in pixels of the original.
+bounded; all lengths are still in pixels of the original.
 """
 
 from sextant.data.photos.exif import exif_focal_px

@@ -1,4 +1,4 @@
-r"""What a photo tells of its focal length.
+r"""What a photo's metadata says about its focal length.
 
 With the 35-mm equivalent focal length :math:`f_{35}` of the EXIF block, which compares diagonals,
 :math:`f = f_{35} \sqrt{W^2 + H^2} / \sqrt{36^2 + 24^2}` pixels. Source: CIPA DCG-001, "Guideline for noting
@@ -33,7 +33,7 @@ def exif_focal_px(exif: dict[int, float], width: int, height: int) -> float | No
     """Focal length in pixels of a picture of ``width`` x ``height`` by numbers of its EXIF block, or None.
 
     From the 35-mm equivalent, or else from the focal length and the resolution of the focal plane. None too where the
-    block tells of another shape than the picture has (it was cropped since), or a field of view that no lens has.
+    block describes another shape than the picture has (it was cropped since), or a field of view that no lens has.
     """
     long, short = max(width, height), min(width, height)
     recorded = sorted((exif.get(PIXELS_X, long), exif.get(PIXELS_Y, short)))

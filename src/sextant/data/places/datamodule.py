@@ -72,7 +72,7 @@ class PlaceData(pl.LightningDataModule):
             self._splits[split] = images
 
     def check(self) -> None:
-        """Read all splits, so that what is wrong with any of them is told before anything is trained.
+        """Read all splits, so that what is wrong with any of them is reported before anything is trained.
 
         Raises:
             UserError: as :meth:`setup`, or the training split has no places or fewer than a batch shall have.

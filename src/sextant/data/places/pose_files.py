@@ -106,7 +106,7 @@ def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
 
 
 def parse_utm_name(name: str) -> Pose | None:
-    """The pose that a file's name tells, or None if it does not follow the convention."""
+    """The pose that a file's name contains, or None if it does not follow the convention."""
     fields = Path(name).stem.split("@")
     if len(fields) <= NORTH or fields[0]:
         return None
@@ -122,7 +122,7 @@ def parse_utm_name(name: str) -> Pose | None:
 
 
 def utm_poses(paths: Sequence[Path], key: str) -> list[Pose]:
-    """The poses that the names of files tell.
+    """The poses that the names of files contain.
 
     Raises:
         UserError: names do not follow the convention; they are named.

@@ -1,4 +1,4 @@
-"""Whether a split can be learnt from or searched, told in the words of the config before anything is trained."""
+"""Whether a split can be learnt from or searched, reported in the terms of the config before anything is trained."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Writes that are on disk when they return, and what is told when the disk refuses them."""
+"""Writes that are on disk when they return, and what is reported when the disk refuses them."""
 
 import errno
 import hashlib

@@ -22,7 +22,7 @@ class DamagedStoreError(UserError):
 
     @classmethod
     def at(cls, path: Path, what: str) -> "DamagedStoreError":
-        """The error for one file, with the command that mends its store."""
+        """The error for one file, with the command that repairs its store."""
         store = path.parent.parent if path.parent.name == "columns" else path.parent
         return cls(
             f"{path}: {what}",

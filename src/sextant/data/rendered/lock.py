@@ -24,7 +24,7 @@ def tell_stderr(message: str) -> None:
 def store_lock(directory: Path, ready: Callable[[], bool], tell: Tell) -> Iterator[bool]:
     """Hold the lock of the store at ``directory``; the system frees it when the process ends, however it ends.
 
-    While another process holds it, waits, and tells once for whom.
+    While another process holds it, waits, and says once for whom.
 
     Args:
         directory: of the store; its lock lies beside it and outlives it.

@@ -42,7 +42,7 @@ class ChunkWriter:
         """Render a chunk and write it; it is on disk when this returns, and to be journalled then.
 
         Raises:
-            UserError: the disk refused; only errors of writing are told so, the renderer's own are left as they are.
+            UserError: the disk refused; only errors of writing are raised so, the renderer's own are left as they are.
             ValueError: the renderer made something else than its plan says.
         """
         start, stop = self._manifest.grid.span(chunk)

@@ -37,7 +37,7 @@ def open_store(plan: RenderPlan, cache: Path | str, *, tell: Tell = tell_stderr)
 
     Raises:
         UserError: the folder cannot be written to, or the disk is full.
-        DamagedStoreError: a file of the store is not what it should be; names it and the command that mends it.
+        DamagedStoreError: a file of the store is not what it should be; names it and the command that repairs it.
     """
     directory = Path(cache).absolute() / f"{plan.name}-{plan.digest[:8]}"
     if not StoreLayout(directory).manifest.is_file():
@@ -53,7 +53,7 @@ def load_store(directory: Path | str, *, tell: Tell = tell_stderr) -> "RenderedS
     """A store as it lies on disk, without its renderer: what is not rendered cannot be read.
 
     Raises:
-        DamagedStoreError: a file of the store is not what it should be; names it and the command that mends it.
+        DamagedStoreError: a file of the store is not what it should be; names it and the command that repairs it.
     """
     return RenderedStore(Path(directory).absolute(), None, tell)
 
@@ -62,7 +62,7 @@ class RenderedStore:
     """Items by index; those not on disk yet are rendered when they are first read.
 
     Any number of processes and threads may read and fill one store: each chunk is rendered by one of them. Stores can
-    be pickled if their plan can, and are then opened anew.
+    be pickled if their plan can, and are then opened again.
 
     Attributes:
         directory: where it lies.
@@ -97,7 +97,7 @@ class RenderedStore:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the manifest tells a user of the dataset."""
+        """What the manifest says to a user of the dataset."""
         return dict(self.manifest.facts)
 
     @cached_property

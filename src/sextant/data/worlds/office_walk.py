@@ -104,10 +104,10 @@ class OfficeWalkPlan(WorldPlan):
 
     @cached_property
     def columns(self) -> Mapping[str, ndarray]:
-        """Labels, the run of each picture (0 is the map's), and the pose that its wheels tell.
+        """Labels, the run of each picture (0 is the map's), and the pose according to its wheels.
 
-        Wheels tell the true first pose and drift away from it. They are those of the real robot where the trajectory's
-        file has its odometry, and simulated otherwise.
+        Odometry starts at the true first pose and drifts away from it. It is that of the real robot where the
+        trajectory's file has it, and simulated otherwise.
         """
         shots = self.shots
         starts = np.flatnonzero(np.r_[True, np.diff(shots.place) <= 0])

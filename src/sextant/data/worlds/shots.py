@@ -128,7 +128,7 @@ class WorldPlan(RenderPlan):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """Facts of the manifest beside those of every dataset of pictures."""
+        """Facts of the manifest besides those of every dataset of images."""
 
     # -- what the store asks -------------------------------------------------------------------------------------------
 
@@ -166,7 +166,7 @@ class WorldPlan(RenderPlan):
 
     @cached_property
     def facts(self) -> Mapping[str, Any]:
-        """What the manifest tells a reader."""
+        """What the manifest says to a reader."""
         shots = self.shots
         counts = np.bincount(shots.split, minlength=len(self.splits))
         return {

@@ -67,7 +67,7 @@ def town_seed(seed: int, scene: int) -> int:
     return seed * 1000 + scene
 
 
-#: a town is built anew for each of its conditions (foliage and cars differ), which takes as long as six panoramas
+#: a town is built again for each of its conditions (foliage and cars differ), which takes as long as six panoramas
 CONDITIONS_PER_TOWN = 2
 
 

@@ -45,7 +45,7 @@ def calibration_errors(
     """Absolute errors of each image, named by :data:`ERRORS`; see the module.
 
     Args:
-        predicted: the cameras; nan for what a method could not tell, which makes every error that needs it nan.
+        predicted: the cameras; nan for what a method could not estimate, which makes every error that needs it nan.
         truth: the true ones.
         aspect: width over height of each image.
         k2_of_k1: the lens family.

@@ -11,8 +11,8 @@ where each number is measured in its standard deviation, and :math:`\Sigma_\lamb
 towards a multiple of the identity, as crops of a few dozen scenes do not determine it. Distances of the set's own
 pictures, which those of a new one are compared with, are to all scenes but their own.
 
-It tells a page of text, noise or another kind of scene from what was seen. It does not tell that a network errs: a
-photo may look usual and be taken by a lens that the network never met.
+It finds pages of text, noise and other kinds of scenes. It does not show that a network errs: a photo may look usual
+and be taken by a lens that the network never met.
 
 Sources: P. C. Mahalanobis, "On the generalised distance in statistics", 1936; K. Lee et al., "A simple unified
 framework for detecting out-of-distribution samples and adversarial attacks", NeurIPS 2018, who use it on features of a

@@ -1,4 +1,4 @@
-r"""Whether a predicted uncertainty tells which images go wrong.
+r"""Whether a predicted uncertainty identifies the images with large errors.
 
 Images are taken away one by one, the most uncertain first; the *sparsification curve* is the mean error of the rest,
 divided by the mean error of all. The *oracle* takes the largest error first: no order lies below it. Taking images away

@@ -1,4 +1,4 @@
-r"""Error of a classifier under corruption beside that of a baseline.
+r"""Error of a classifier under corruption relative to that of a baseline.
 
 With :math:`E_{c,s}` the error (share of wrong predictions) under corruption c at severity s, :math:`A_{c,s}` that of a
 baseline, and :math:`E_0, A_0` both on clean images,
@@ -75,7 +75,7 @@ def relative_corruption_ratio(
 def corruption_score(
     errors: CorruptionErrors, baseline: CorruptionBaseline, corruptions: Sequence[str] | None = None
 ) -> CorruptionScore:
-    """E, mCE and mean relative CE of a model over a set of corruptions, beside a baseline.
+    """E, mCE and mean relative CE of a model over a set of corruptions, relative to a baseline.
 
     Args:
         corruptions: names of the set, such as :data:`BENCHMARK_15`; by default all that the model was tested on.

@@ -95,7 +95,7 @@ def recall(neighbours: Integer[ndarray, "m k"], positives: Positives, ranks: Seq
     Args:
         neighbours: references found for every query.
         positives: of the same queries.
-        ranks: K; those above the number of neighbours cannot be told.
+        ranks: K; those above the number of neighbours cannot be computed.
 
     Raises:
         ValueError: a rank is below 1 or above the number of neighbours, or the neighbours do not fit to the positives.

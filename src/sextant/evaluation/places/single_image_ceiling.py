@@ -2,13 +2,13 @@ r"""The best recall@1 that single images allow where some show the same picture,
 
 Frames that follow one another with the same picture make a *run*. A descriptor is a function of the picture: all
 queries of a run get the same answer, and the references of a run are answered evenly or not at all. Of such
-descriptors, the best one tells all different pictures apart and answers each run of queries Q with the run of
+descriptors, the best one distinguishes all different images and answers each run of queries Q with the run of
 references R that is right most often,
 
 .. math:: \frac{1}{m} \sum_Q \max_R \sum_{i \in Q} \frac{|P_i \cap R|}{|R|},
 
 where :math:`P_i` are the positives of query i and m is the number of queries. It is what a perfect descriptor expects
-to reach, not a bound for every method: pictures of a run differ by noise, and sequences tell more than single images.
+to reach, not a bound for every method: images of a run differ by noise, and sequences hold more than single images.
 """
 
 import numpy as np

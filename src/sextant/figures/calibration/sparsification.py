@@ -1,4 +1,4 @@
-"""Whether the predicted uncertainty tells which images go wrong."""
+"""Whether the predicted uncertainty identifies the images with large errors."""
 
 from collections.abc import Mapping
 

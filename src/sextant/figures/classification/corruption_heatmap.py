@@ -22,7 +22,7 @@ def corruption_heatmap(
 
     Args:
         errors: shares of wrong predictions by corruption, mildest severity first; rows may differ in length.
-        clean: error on clean images, told below the title.
+        clean: error on clean images, given below the title.
         families: groups of corruptions, named at the right and set apart by lines; those in no group come last.
         levels: names of the severities; 1, 2, ... by default.
         title: name of the model.

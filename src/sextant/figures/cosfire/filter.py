@@ -43,7 +43,7 @@ def cosfire_filter(
     """The parts of one filter where its prototype has them.
 
     A disc has the size of the part's tolerance σ = σ0 + αρ and is the more opaque the more the part weighs. What it
-    looks for is a bar of half a wavelength in its direction for Gabor filters; elsewhere the colour tells the channel.
+    looks for is a bar of half a wavelength in its direction for Gabor filters; elsewhere the colour shows the channel.
 
     Args:
         filters: configured; the parts are those of ``filters.tuples(number)``.

@@ -36,7 +36,7 @@ class Bank(nn.Module, ABC):
         return self.describe(images).amax((1, 2, 3))
 
     def strength(self, maps: Float[Tensor, "b k y x"]) -> Float[Tensor, "b #k y x"]:
-        """How strongly there is something, by which ``t1`` tells what filters are configured from: the responses."""
+        """How strongly there is something, compared with ``t1`` when filters are configured: the responses."""
         return maps
 
     @abstractmethod
@@ -44,7 +44,7 @@ class Bank(nn.Module, ABC):
         """A map for each of ``channels``, non-negative."""
 
     def options(self) -> dict[str, Any]:
-        """Arguments that build the bank anew, as plain values; empty if it holds a network."""
+        """Arguments that rebuild the bank, as plain values; empty if it holds a network."""
         return {}
 
 

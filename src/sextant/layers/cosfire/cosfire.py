@@ -46,7 +46,7 @@ class Cosfire(FilterParts):
     >>> filters = Cosfire(GaborBank()).configure(example, point=(20, 31))
     >>> response = filters(images)  # (b, 1, h, w)
 
-    Bank, blur and logarithm of a map are worked out once for all filters, parts and moves that share it.
+    Bank, blur and logarithm of a map are computed once for all filters, parts and moves that share it.
 
     Args:
         bank: what the filters look through.

@@ -29,7 +29,7 @@ def keypoints(
     for them. Where the response is level there is no peak.
 
     Args:
-        most: peaks that are looked at, the strongest: clusters take memory with their square.
+        most: peaks that are considered, the strongest: clusters take memory with their square.
 
     Source: Azzopardi and Petkov 2013, section 3.
     """

@@ -1,4 +1,4 @@
-"""What the filters of a bank have in common, so that each map is worked out once."""
+"""What the filters of a bank have in common, so that each map is computed once."""
 
 from dataclasses import dataclass
 from functools import cached_property

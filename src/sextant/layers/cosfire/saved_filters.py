@@ -80,7 +80,7 @@ def load_filters(path: Path, bank: Bank | None, make: Callable[..., F]) -> F:
                 raise ValueError("it is a safetensors file of something else")
             told, digest = file.metadata()[KEY], file.metadata().get(DIGEST)
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dict
-        if digest not in (None, _sha256(told, arrays)):  # files from before have none
+        if digest not in (None, _sha256(told, arrays)):  # older files have none
             raise ValueError("it is damaged: its contents do not match the digest that was written with them")
         header = json.loads(told)
         return _built(header, arrays, bank, path, make)

@@ -8,7 +8,7 @@ from torch import Tensor
 
 #: Positions closer than this share of the map's extent are one position.
 SAME = 1e-9
-#: Descriptors that are looked at together.
+#: Descriptors that are considered together.
 BLOCK = 16_384
 
 

@@ -102,7 +102,7 @@ def vecchia_log_likelihood(
     Time O(b (k³ + k d)), memory O(b k (k + d)): call it with minibatches.
 
     Args:
-        kernel: with its noise; the neighbours are not chosen anew when it changes.
+        kernel: with its noise; the neighbours are not chosen again when it changes.
         poses: of the images.
         descriptors: of the same images; may be a tensor over a memory map.
         mean: of the descriptors.

@@ -33,7 +33,7 @@ class AppearanceStart(Initialisation):
     Attributes:
         top: only the best K images are drawn from; None for all.
         weigh_jitter: weigh each particle by how its own pose explains the image, relative to the map image it was
-            drawn at. Exact, at the price of one likelihood a particle; without it, weights are uniform.
+            drawn at. Exact, at the cost of one likelihood per particle; without it, weights are uniform.
 
     Raises:
         UserError: ``top`` is below 1.

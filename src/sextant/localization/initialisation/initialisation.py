@@ -33,7 +33,7 @@ class Initialisation(ABC):
             prior: where a robot may be before anything is seen.
             runs: r.
             particles: of each run.
-            evidence: what the first image of each run tells, for those that use it.
+            evidence: of the first image of each run, for those that use it.
             seen: in which runs there is an image; None for all.
             generator: of random numbers.
         """

@@ -74,7 +74,7 @@ class BeamModel:
         object.__setattr__(self, "steps", free_steps(self.grid))
 
     def observe(self, scans: Float64[Tensor, "r beams"], map_poses: Float64[Tensor, "n 3"]) -> ScanEvidence:
-        """What one scan of each of r runs tells.
+        """The evidence of one scan for each of r runs.
 
         Args:
             scans: ranges in metres of all the scanner's beams; its maximal range or nan where nothing came back.

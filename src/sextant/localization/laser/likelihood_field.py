@@ -8,7 +8,7 @@ the distance from the cell there to the nearest occupied one,
 
 over the beams that ended within the reach :math:`z_{\max}`; the others say nothing. Ends outside the grid, or farther
 than ``max_distance_m`` from everything occupied, have the random part alone. Only a beam's end is looked up: what lies
-on its way is not, so a wall between is not seen (the price of the model's speed and smoothness).
+on its way is not, so a wall between is not seen (the cost of the model's speed and smoothness).
 
 Sources: S. Thrun, W. Burgard & D. Fox, "Probabilistic Robotics", 2005, table 6.3, which multiplies the first part by
 :math:`1/(\sqrt{2\pi}\sigma)`; as the model is used for ratios, that is another ratio of the two weights. The form above
@@ -75,7 +75,7 @@ class LikelihoodField:
         object.__setattr__(self, "table", table.astype(np.float32))
 
     def observe(self, scans: Float64[Tensor, "r beams"], map_poses: Float64[Tensor, "n 3"]) -> ScanEvidence:
-        """What one scan of each of r runs tells.
+        """The evidence of one scan for each of r runs.
 
         Args:
             scans: ranges in metres of all the scanner's beams; its maximal range or nan where nothing came back.

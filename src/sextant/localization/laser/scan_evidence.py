@@ -1,4 +1,4 @@
-"""What a laser scan tells of where each of several runs is."""
+"""The evidence of a laser scan about the pose of each of several runs."""
 
 from collections.abc import Callable
 

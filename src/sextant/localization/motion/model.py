@@ -14,7 +14,7 @@ from sextant.geometry.planar import se2_compose, se2_exp
 class MotionModel(ABC):
     r"""Draws :math:`x_t \sim p(x_t \mid x_{t-1}, u_t)` for every particle.
 
-    A motion with a value that is not finite is unknown: odometry was lost. The particles of such a run diffuse about
+    A motion with a value that is not finite is unknown: odometry is missing. The particles of such a run diffuse about
     where they were, :math:`x_t = x_{t-1} \circ \exp(\epsilon)` with :math:`\epsilon` of standard deviations
     :meth:`if_unknown`, in the robot's frame.
     """

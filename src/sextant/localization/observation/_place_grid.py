@@ -10,7 +10,7 @@ from sextant.localization.observation._cache_kernels import compiled
 IMAGES_A_CELL = 16
 #: Cells for each image, at most.
 CELLS_AN_IMAGE = 4
-#: Rings of cells around a pose that are looked at; poses farther from the map are left to a tree.
+#: Rings of cells around a pose that are considered; poses farther from the map are left to a tree.
 RINGS = 6
 #: What a pose gets whose nearest image is farther.
 NOT_FOUND = -1

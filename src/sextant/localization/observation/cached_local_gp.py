@@ -8,7 +8,7 @@ product of a matrix with a vector, :math:`Y z_c`, and then each pose ``O(k^2)``:
    s^2(x) = s_f^2 - \|v\|^2 + s_n^2.
 
 It equals :class:`~sextant.localization.observation.local_gp.LocalGP` with ``neighbourhood="nearest_image"`` but for
-rounding. Memory beside the map is ``n (4 k^2 + 12 k + 24)`` bytes, 213 MB for 172,000 images and k = 16; with less
+rounding. Memory besides the map is ``n (4 k^2 + 12 k + 24)`` bytes, 213 MB for 172,000 images and k = 16; with less
 noise than 1/1000 of the signal, when :math:`L^{-1}` are kept in float64, ``n (6 k^2 + 14 k + 24)`` bytes; searching
 takes some 120 bytes an image more.
 
@@ -56,7 +56,7 @@ class CachedLocalGP(ObservationModel):
             jumps where another image becomes the nearest. (A mixture, a mean of likelihoods, is continuous too but as
             steep as a jump, where a neighbourhood with a share of next to nothing explains the image far better.)
         map_evidence: what the likelihood over the map compares with: ``image``: the image of the map itself, for free;
-            ``mean``: what is predicted at its pose, which is what poses are compared with, for about the price of
+            ``mean``: what is predicted at its pose, which is what poses are compared with, at about the cost of
             another product of the map with a vector.
         tile: images of the map, one after the other, that an observation is compared with together, once poses ask for
             one of them: of a mapped map larger than memory, in
@@ -87,7 +87,7 @@ class CachedLocalGP(ObservationModel):
                 :func:`~sextant.localization.spatial_order.spatial_order`.
             kernel: with its hyper-parameters.
             folder: where the caches are written, and mapped from; without it they are kept in memory.
-            progress: told how many images are done, and of how many.
+            progress: called with the number of images done, and of all.
 
         Raises:
             UserError: ``neighbours`` or ``blend`` is not a number of images that the map has, or the covariance of
@@ -158,7 +158,7 @@ class CachedLocalGP(ObservationModel):
         r"""Level and slope of the log-likelihood over the map, which is affine in the squared distance if Gaussian.
 
         With :math:`\|z - y_i\|^2 = c + \|y_i - m\|^2 - 2 s_i`, it is ``level + slope (2 s - c)``. The variances of the
-        map do not change, so their logarithms are worked out once for a likelihood.
+        map do not change, so their logarithms are computed once for a likelihood.
         """
         if self._terms is None or self._terms[0] != likelihood:
             variances, norms = torch.from_numpy(self.caches.variances), torch.from_numpy(self._map_norms)

@@ -1,4 +1,4 @@
-"""What one observation tells of where each of several runs is."""
+"""The evidence of one observation about the pose of each of several runs."""
 
 from abc import ABC, abstractmethod
 
@@ -10,7 +10,7 @@ class Evidence(ABC):
     """Log-likelihoods of one observation in each of r runs, such as an image or a laser scan.
 
     Values are in nats, and comparable between all poses of a run, whichever method they come from. What an observation
-    costs once, whatever the number of poses, is worked out when the evidence is made.
+    costs once, whatever the number of poses, is computed when the evidence is made.
     """
 
     @abstractmethod

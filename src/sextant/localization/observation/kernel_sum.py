@@ -42,7 +42,7 @@ class KernelSum(ObservationModel):
         pose_rate: λ2, per metre.
         heading_weight: ω, metres that one radian is worth.
         contrast: δ, above 1.
-        appearance_rate: λ1; worked out from the first descriptor that is observed if none, and kept from then on.
+        appearance_rate: λ1; computed from the first descriptor that is observed if none, and kept from then on.
 
     Raises:
         UserError: a number outside its range.
@@ -94,7 +94,7 @@ class KernelSum(ObservationModel):
 
         The tree knows the Euclidean distance :math:`e = \sqrt{\|\Delta t\|^2 + \omega^2 \Delta\theta^2}`, and
         :math:`e \le d \le \sqrt2 e`: once the k-th best d among the nearest by e is at most the largest e among them,
-        no other image can be nearer. Where it is not, twice as many are looked at.
+        no other image can be nearer. Where it is not, twice as many are considered.
         """
         images = torch.empty(len(poses), self.neighbours, dtype=torch.int64)
         far = torch.empty(len(poses), self.neighbours, dtype=torch.float64)

@@ -31,7 +31,7 @@ ENTRIES = 2**22
 
 
 class LocalGP(ObservationModel):
-    """The posterior given the images near each pose, solved anew for each: ``O(k^3 + k d)`` a pose.
+    """The posterior given the images near each pose, solved again for each: ``O(k^3 + k d)`` a pose.
 
     Args:
         neighbours: k.

@@ -28,7 +28,7 @@ class ObservationModel(ABC):
 
     map: DescriptorMap
     kernel: PoseKernel
-    #: what is predicted at the map's own poses: means in float32 and variances; worked out when it is first needed
+    #: what is predicted at the map's own poses: means in float32 and variances; computed when it is first needed
     _over_map: tuple[Tensor, Tensor] | None = None
 
     def fit(self, map: DescriptorMap, kernel: PoseKernel) -> Self:
@@ -55,7 +55,7 @@ class ObservationModel(ABC):
 
     @abstractmethod
     def state(self) -> dict[str, Tensor]:
-        """What was worked out from the map: contiguous tensors by name, which :meth:`load_state` takes back."""
+        """What was computed from the map: contiguous tensors by name, which :meth:`load_state` takes back."""
 
     def load_state(self, map: DescriptorMap, kernel: PoseKernel, state: dict[str, Tensor]) -> Self:
         """Become the model that ``state`` was asked of; its tensors are kept, not copied, and may be mapped files.
@@ -97,7 +97,7 @@ class ObservationModel(ABC):
         return Residuals(squared, variance.expand_as(squared))
 
     def observe(self, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood) -> Evidence:
-        """What the descriptors, one a run, tell of each run's pose. A descriptor with nan tells nan.
+        """The evidence of the descriptors, one per run, about each run's pose. A descriptor with nan gives nan.
 
         Raises:
             UserError: the descriptors have another dimension than the map's.

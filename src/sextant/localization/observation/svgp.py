@@ -30,7 +30,7 @@ class SVGP(InducingRegression):
 
     Args:
         inducing: as for the base class.
-        steps: minibatches that are looked at.
+        steps: minibatches that are considered.
         batch: images of a minibatch; the whole map where it has fewer.
         forgetting: :math:`\\kappa` in (0.5, 1].
         placement: as for the base class.

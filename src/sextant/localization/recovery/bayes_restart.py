@@ -38,7 +38,7 @@ class BayesRestart(Recovery):
         hazard: :math:`\epsilon`.
         share: of the particles that are spent on restarts: m/p. It does not change the belief, only its noise. A
             filter of one particle never restarts.
-        weigh_jitter: weigh restarts by the likelihood at their own pose (the form on the left): exact, at the price of
+        weigh_jitter: weigh restarts by the likelihood at their own pose (the form on the left): exact, at the cost of
             m more likelihoods.
 
     Raises:

@@ -45,7 +45,7 @@ class Recovery(ABC):
     remembers: int = 0
 
     def memory(self, runs: int, device: torch.device | None = None) -> Float64[Tensor, "r s"]:
-        """What it remembers before the first observation: nothing, told as nan."""
+        """What it remembers before the first observation: nothing, given as nan."""
         return torch.full((runs, self.remembers), torch.nan, dtype=torch.float64, device=device)
 
     @abstractmethod

@@ -120,7 +120,7 @@ class Classification(pl.LightningModule):
         return classification_converged(validation["val/accuracy"], len(self.spec.classes))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What the run keeps beside its metrics: labels, and predictions by condition."""
+        """What the run keeps besides its metrics: labels, and predictions by condition."""
         assert self.result is not None
         return {"labels": self.result.labels, **self.result.predictions}
 

@@ -1,4 +1,4 @@
-"""What a test of a classifier under corruptions says beside its accuracies: errors beside a baseline, and pictures."""
+"""Results of a classifier under corruptions besides accuracies: relative errors, flip probabilities, figures."""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING

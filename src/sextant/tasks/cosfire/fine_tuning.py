@@ -1,4 +1,4 @@
-r"""Training configured filters on, together with the linear layer that tells classes by their answers.
+r"""Fine-tuning configured filters, together with the linear layer that classifies by their responses.
 
 .. math:: \ell(I) = W\,\frac{\log\max_x R(I, x) - \mu}{s} + b,
 

@@ -1,4 +1,4 @@
-"""Ways to tell the class of an image, all from the same examples: by filters, and what they are compared with."""
+"""Ways to classify an image, all from the same examples: by filters, and what they are compared with."""
 
 from typing import Literal
 

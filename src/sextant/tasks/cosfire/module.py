@@ -1,4 +1,4 @@
-"""Recognition by filters that are configured from single examples (chapter 6), beside what they are compared with."""
+"""Recognition by filters configured from single examples (chapter 6), and the methods they are compared with."""
 
 import copy
 from collections.abc import Callable, Sequence
@@ -148,7 +148,7 @@ class CosfireRecognition(pl.LightningModule):
     # -- examples ------------------------------------------------------------------------------------------------------
 
     def learn(self, data: ExampleData) -> None:
-        """Configure filters from the examples, and fit the machines to them.
+        """Configure filters from the examples, and fit the SVMs to them.
 
         Raises:
             UserError: no filter can be configured for a class.
@@ -233,7 +233,7 @@ class CosfireRecognition(pl.LightningModule):
         return LinearSVM(weights, bias, float(price[0]), SCALINGS[int(scaling[0])])
 
     def _fine_tune(self, examples: ImageBatches, maxima: Tensor, held: tuple[Tensor, Tensor]) -> None:
-        """Train a copy of the filters on, from the machine of their log-maxima; as a control that machine alone."""
+        """Fine-tune a copy of the filters, starting from the SVM of their log-maxima; as a control that SVM alone."""
         assert self.tuned is not None
         seen = (log_maxima(maxima), examples.labels), (log_maxima(held[0]), held[1])
         svm = self._fit_svm(*seen, logarithmic=True)
@@ -277,7 +277,7 @@ class CosfireRecognition(pl.LightningModule):
         return seen
 
     def _seen_as(self, kind: Representation, images: UInt8[Tensor, "n c h w"], known: dict[str, Tensor]) -> Tensor:
-        """What several methods see is worked out once and kept in ``known``."""
+        """What several methods see is computed once and kept in ``known``."""
         if kind not in known and kind == "maxima":
             tiled = self._seen_as("tiled", images, known)
             known[kind] = tiled.unflatten(1, (len(self.filters), -1)).amax(2)

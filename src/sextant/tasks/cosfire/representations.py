@@ -19,7 +19,7 @@ def filter_maxima(
 ) -> Float[Tensor, "n m"]:
     """The strongest response of each filter in each image, or each of tiles x tiles parts of it.
 
-    Worked out where the filters are, told on the processor.
+    Computed where the filters are, returned on the CPU.
     """
 
     def described(batch: Tensor) -> Tensor:

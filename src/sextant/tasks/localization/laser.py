@@ -35,7 +35,7 @@ class LaserLocalization(pl.LightningModule):
     Args:
         scan_model: see there.
         tempering: a number, or None for one that is fitted.
-        images: of the validation drives that are looked at.
+        images: of the validation drives that are considered.
         resolution_m: of the occupancy grid, which is made of the map drive's scans.
     """
 
@@ -56,7 +56,7 @@ class LaserLocalization(pl.LightningModule):
         self.register_buffer("fitted", torch.tensor([1.0 if tempering is None else tempering], dtype=torch.float64))
 
     def training_step(self, rows: Tensor, batch_idx: int) -> None:
-        """There is nothing to climb."""
+        """There is nothing to optimise."""
         self.optimizers().step()  # type: ignore[union-attr]
 
     def on_train_epoch_end(self) -> None:

@@ -51,7 +51,7 @@ class Calibration:
     Attributes:
         likelihood: with the values that are given.
         fit_tempering, fit_noise, whitening: which of :mod:`sextant.localization.calibration` is done.
-        images: of the validation drives that are looked at.
+        images: of the validation drives that are considered.
     """
 
     likelihood: Likelihood
@@ -70,7 +70,7 @@ class Localization(pl.LightningModule):
         ard: a length each for x and y.
         observation: makes the observation model, to be fitted.
         calibration: what is done after training.
-        objective: that training climbs.
+        objective: that training maximises.
         neighbours: of each image, for ``vecchia``.
         optimizer, schedule, log_every: as for every task.
     """
@@ -215,7 +215,7 @@ class Localization(pl.LightningModule):
         """The observation model of a drive's images at their poses.
 
         Args:
-            data: tells the descriptors.
+            data: holds the descriptors.
             drive: the images.
             as_it_is: which of them there are, and at which poses, after a fault.
         """
@@ -245,7 +245,7 @@ class Localization(pl.LightningModule):
             ``descriptor_nll``: nats a number of the test drives' descriptors, of all and by drive. With whitening,
             the density is that of the descriptors before it, so that both can be compared.
             ``us_per_particle``, ``ms_per_image``: :class:`~sextant.tasks.localization.sensor_measures.SensorCost`.
-            ``fit_map_s``: seconds to fit the model to the map; ``model_mb``: what it keeps beside the descriptors.
+            ``fit_map_s``: seconds to fit the model to the map; ``model_mb``: what it keeps besides the descriptors.
         """
         drives, protocol = data.drives, protocol_of(data.drives)
         model = self.fit_map(data, drives.map)

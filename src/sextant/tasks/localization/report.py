@@ -131,7 +131,7 @@ def arrays(found: Mapping[str, Judged]) -> dict[str, ndarray]:
 
 
 def metrics(found: Mapping[str, Judged], data: LocalizationData) -> dict[str, float]:
-    """Figures of every trial, under names that tell the protocol."""
+    """Figures of every trial, under names that state the protocol."""
     protocol, values = protocol_of(data), dict[str, float]()
     dof = 1 if protocol.unit == "frames" else 3
     for name, judged in found.items():
@@ -263,7 +263,7 @@ def figures(found: Mapping[str, Judged], data: LocalizationData) -> Iterator[tup
 
 
 def write_trajectories(found: Mapping[str, Judged], folder: Path) -> None:
-    """The first run of each trial, as it was and as it was told, in TUM's format; a step is a second."""
+    """The first run of each trial, as it was and as it was estimated, in TUM's format; a step is a second."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, judged in found.items():
         length = int(judged.outcome.runs.lengths[0])

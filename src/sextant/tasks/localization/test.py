@@ -58,7 +58,7 @@ class Outcome:
     Attributes:
         trial: what was tried.
         runs: their truth.
-        track: what the filter told of them.
+        track: the filter's estimates of them.
         nll: of the true pose in nats, of each step.
         replay: particles and weights of the first run, step by step, if they were kept.
     """
@@ -143,7 +143,7 @@ def run_trials(
 
 
 def check_runs(data: LocalizationData, faults: Mapping[str, Fault], settings: TestSettings) -> None:
-    """Lay out all runs, so that a mistake is told before anything is trained.
+    """Lay out all runs, so that a mistake is reported before anything is trained.
 
     Raises:
         UserError: a fault does not fit the dataset or a run.

@@ -123,7 +123,7 @@ class PlaceRecognition(pl.LightningModule):
     def _next_triplets(
         self, mining: CachedHardMining, images: int, batch_idx: int, generator: torch.Generator
     ) -> tuple[Tensor, Pairing]:
-        """Images of the next triplets of the training set, a third of a batch of them; mined anew when due."""
+        """Images of the next triplets of the training set, a third of a batch of them; mined again when due."""
         train, tolerance = self._data.split("train"), self._data.tolerance
         if batch_idx % mining.refresh == 0 or len(self._mined) == 0:
             cache = self._describe_training()

@@ -47,7 +47,7 @@ class TrainedPlaceNetwork:
     Args:
         network: with its weights.
         size: of its images.
-        model: what tells it from other networks.
+        model: what distinguishes it from other networks.
     """
 
     def __init__(self, network: nn.Module, size: ImageSize, model: str):

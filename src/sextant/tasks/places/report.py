@@ -1,4 +1,4 @@
-"""The trained descriptor beside all others on the test split: figures of merit, arrays by query, table, pictures."""
+"""The trained descriptor compared with all others on the test split: figures of merit, arrays, table, figures."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -76,7 +76,7 @@ class QueryReport:
 
     @property
     def moving(self) -> Bool[ndarray, "m"]:
-        """Queries that can be told from their neighbours: neither flat nor stopped."""
+        """Queries that can be distinguished from their neighbours: neither flat nor stopped."""
         return np.asarray(~(self.flat | self.stopped))
 
 

@@ -22,7 +22,7 @@ class Whitening:
     """How the last layer is solved for.
 
     Attributes:
-        components: principal components of the pooled features that are looked at.
+        components: principal components of the pooled features that are considered.
         shrinkage: of the scatter within places, as a multiple of its mean variance.
     """
 
@@ -90,7 +90,7 @@ def _looked_at(train: PlaceImages, tolerance: PlaceTolerance) -> tuple[Int64[nda
 
 
 def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int) -> None:
-    """Raise a ``UserError`` if the training split cannot span ``dimension`` directions; to be told before training."""
+    """Raise a ``UserError`` if the training split cannot span ``dimension`` directions; called before training."""
     rows, _ = _looked_at(train, tolerance)
     if len(rows) - 1 < dimension:
         raise UserError(

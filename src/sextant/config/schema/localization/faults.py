@@ -67,7 +67,7 @@ class OdometrySlip(Part):
 
 
 class MissingOdometry(Part):
-    """Odometry tells nothing for a while."""
+    """Odometry is missing for a while."""
 
     target: Literal["sextant.data.localization.faults.MissingOdometry"] = Field(alias="_target_")
     frame: Frame = Field(examples=[0.5])

@@ -62,7 +62,7 @@ class TrainedDescriptor(Part):
 
 
 class DescriptorFiles(Part):
-    """Vectors that were worked out elsewhere."""
+    """Vectors that were computed elsewhere."""
 
     target: Literal["sextant.cli.descriptors.DescriptorFiles"] = Field(alias="_target_")
     folder: str = Field(examples=["descriptors"])
@@ -236,7 +236,7 @@ class ExponentialMotion(Part):
 
 
 class OdometryMotion(Part):
-    """Noise in a turn, a way and a turn."""
+    """Noise in a rotation, a translation and a rotation."""
 
     target: Literal["sextant.localization.motion.OdometryMotion"] = Field(alias="_target_")
     alphas: Annotated[list[NonNegative], Field(min_length=4, max_length=4)] = Field(examples=["[0.2,0.2,0.2,0.2]"])

@@ -12,7 +12,7 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class Kidnap(Fault):
-    """At ``frame`` the drive goes on from another of its frames, and odometry tells an ordinary step.
+    """At ``frame`` the drive goes on from another of its frames, and odometry reports an ordinary step.
 
     The frame it goes on from is drawn among those at least ``distance`` away with ``after`` frames left; so drives of
     all seeds have the same length, ``frame + after``.

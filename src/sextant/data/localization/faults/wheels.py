@@ -14,7 +14,7 @@ from sextant.errors import UserError
 
 @dataclass(frozen=True)
 class OdometryScale(Fault):
-    """Wheels of another size than was thought: distances are told ``factor`` times too long, turns ``turn`` times."""
+    """Wheels of another size than assumed: distances are reported ``factor`` times too long, turns ``turn`` times."""
 
     factor: float = 1.1
     turn: float = 1.0
@@ -64,7 +64,7 @@ class OdometrySlip(Fault):
 
 @dataclass(frozen=True)
 class MissingOdometry(Fault):
-    """Odometry tells nothing for ``length`` frames from ``frame`` on (a number, or a share of the drive if below 1)."""
+    """Odometry is missing for ``length`` frames from ``frame`` on (a number, or a share of the drive if below 1)."""
 
     frame: float | int = 0.5
     length: int = 10

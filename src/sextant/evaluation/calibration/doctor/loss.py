@@ -13,7 +13,7 @@ from sextant.evaluation.calibration.doctor.finding import DOUBLE, Finding, rando
 from sextant.geometry import CameraParameters, Parameterization
 from sextant.losses.bearing import bearing_difference, bearing_grid, world_bearings
 
-#: tilt, roll, focal and k1 of the camera whose losses are looked at, as in the design's table
+#: tilt, roll, focal and k1 of the camera whose losses are considered, as in the design's table
 TRUTH = (math.radians(8), math.radians(5), 0.8, -0.2)
 WRONG = {
     "vfov +5 deg": (2, math.radians(5)),
