@@ -2,7 +2,7 @@
 
 A file that is sealed ends in a zip comment, ``sextant sha256`` and the hash of every byte before it. Contents and
 digest are one file, which is renamed into place at once: no kill comes between them, and a copy takes both. Any program
-that reads files of ``torch.save`` reads it. A zip without the comment (an older one, or another program's) has the CRC of each
+that reads files of ``torch.save`` reads it. A zip without the comment (older, or another program's) has the CRC of each
 part, which torch itself does not look at; a legacy pickle has nothing.
 """
 
