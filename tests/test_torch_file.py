@@ -120,7 +120,7 @@ def test_each_single_byte_of_the_digest_counts(path):
         path.write_bytes(found)
         with pytest.raises(UserError, match=r"last\.ckpt is damaged") as caught:
             load_checkpoint(path)
-        assert "training again" in caught.value.fix
+        assert "recreated by training" in caught.value.fix
 
 
 def test_weights_that_are_not_finite_are_named(path):

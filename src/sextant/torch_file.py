@@ -140,7 +140,7 @@ class _Sealing:
         """Nothing: the end is not written yet."""
 
     def finish(self) -> None:
-        """Tell of the comment in the last record, and write it."""
+        """Announce the comment in the last record, and write it."""
         assert self._held[:4] == END
         assert self._held[-2:] == b"\0\0"
         self._emit(self._held[:-2] + (len(SEAL) + DIGITS).to_bytes(2, "little"))

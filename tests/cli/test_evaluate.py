@@ -136,7 +136,7 @@ def test_a_run_is_not_resumed_from_a_damaged_checkpoint(tmp_path, monkeypatch):
     monkeypatch.undo()
     with pytest.raises(UserError, match=r"last\.ckpt is damaged") as caught:
         execute(raw)
-    assert "training again" in caught.value.fix
+    assert "recreated by training" in caught.value.fix
     directory.last_checkpoint.unlink()
     execute(raw)
     assert directory.results() is not None

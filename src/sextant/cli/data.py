@@ -88,7 +88,7 @@ def _render(arguments: list[str]) -> None:
 
     began, state = time.monotonic(), "nothing"
     try:
-        store = open_store(plan, cache, tell=_tell)
+        store = open_store(plan, cache, notify=_notify)
         state = f"{store.rendered:,} of {len(store):,}"
         with work_progress("rendering", "images") as progress:
             made = store.fill(progress, threads)
@@ -178,7 +178,7 @@ def _verify(arguments: list[str]) -> None:
     if given.get("repair") != "true":
         console.print(f"sextant data verify {escape(str(directory))} repair=true forgets what is damaged")
         raise SystemExit(1)
-    repair_store(report, tell=_tell)
+    repair_store(report, notify=_notify)
     dataset = report.manifest.name if report.manifest else "<name>"
     console.print(
         "what is damaged is forgotten, nothing else is lost; it is not rendered again yet:\n"
@@ -228,5 +228,5 @@ def _cache(overrides: Sequence[str]) -> Path:
     return Path(to_plain(compose(overrides))["paths"]["cache"])
 
 
-def _tell(message: str) -> None:
+def _notify(message: str) -> None:
     console.print(escape(message))

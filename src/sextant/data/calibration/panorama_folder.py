@@ -16,8 +16,8 @@ from numpy import ndarray
 from sextant.atomic_files import write_atomically
 from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
-from sextant.data.rendered.disk import telling_disk_errors
-from sextant.data.rendered.progress import telling_every
+from sextant.data.rendered.disk import reporting_disk_errors
+from sextant.data.rendered.progress import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import UserError
 
@@ -144,7 +144,7 @@ class PanoramaFolder:
         kept = folder / f"{split}.npy"
         if not _is_array(kept, shape):
             images = self._decoded(paths, split)
-            with telling_disk_errors(folder, lambda: images.nbytes):
+            with reporting_disk_errors(folder, lambda: images.nbytes):
                 folder.mkdir(parents=True, exist_ok=True)
                 write_atomically(kept, lambda file: np.lib.format.write_array(file, images, allow_pickle=False))
         return Panoramas(np.load(kept, mmap_mode="r", allow_pickle=False), names)
@@ -155,7 +155,7 @@ class PanoramaFolder:
 
     def _decoded(self, paths: Sequence[Path], split: Split) -> UInt8[ndarray, "n h w 3"]:
         images = np.empty((len(paths), self.height, 2 * self.height, 3), np.uint8)
-        tell = telling_every(5.0, f"decoding {split} panoramas of {self.folder}")
+        notify = notify_every(5.0, f"decoding {split} panoramas of {self.folder}")
         bad: list[str] = []
 
         def decode(i: int) -> None:
@@ -166,7 +166,7 @@ class PanoramaFolder:
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # Pillow decodes outside the interpreter lock
             for done, _ in enumerate(pool.map(decode, range(len(paths))), start=1):
-                tell(done, len(paths))
+                notify(done, len(paths))
         if bad:
             more = f"\n  and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
             listed = "\n".join(sorted(bad)[:NAMED])

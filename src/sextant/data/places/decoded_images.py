@@ -20,8 +20,8 @@ from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.data.places.image_files import UnreadableImageError, decode_image
 from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.problem_list import problem_list
-from sextant.data.rendered.disk import telling_disk_errors
-from sextant.data.rendered.progress import telling_every
+from sextant.data.rendered.disk import reporting_disk_errors
+from sextant.data.rendered.progress import notify_every
 from sextant.data.source import file_sha256
 from sextant.errors import UserError
 
@@ -99,7 +99,7 @@ def _kept(paths: Sequence[Path], size: ImageSize, cache: Path, what: str) -> tup
     bad = read_json(listed)
     if not isinstance(bad, dict) or not _is_array(kept, shape):
         found: dict[int, str] = {}
-        with telling_disk_errors(folder, lambda: int(np.prod(shape))):
+        with reporting_disk_errors(folder, lambda: int(np.prod(shape))):
             write_atomically(kept, _writing(paths, size, what, found))
             write_json(listed, found)
         bad = found
@@ -123,7 +123,7 @@ def _decoded_chunks(
     paths: Sequence[Path], size: ImageSize, what: str, bad: dict[int, str]
 ) -> Iterator[tuple[int, UInt8[ndarray, "k h w c"]]]:
     """Images chunk by chunk, each with the index of its first; those that cannot be decoded are black, and noted."""
-    tell = telling_every(5.0, f"decoding {what}")
+    notify = notify_every(5.0, f"decoding {what}")
 
     def decode(i: int) -> ndarray:
         try:
@@ -136,7 +136,7 @@ def _decoded_chunks(
         warnings.simplefilter("ignore")  # Pillow warns of large images and odd metadata; its limit holds
         for start in range(0, len(paths), CHUNK):
             yield start, np.stack(list(pool.map(decode, range(start, min(start + CHUNK, len(paths))))))
-            tell(min(start + CHUNK, len(paths)), len(paths))
+            notify(min(start + CHUNK, len(paths)), len(paths))
 
 
 def _is_array(path: Path, shape: tuple[int, ...]) -> bool:

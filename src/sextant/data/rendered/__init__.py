@@ -1,9 +1,9 @@
 """Rendered datasets: a plan says what to render, a store keeps it on disk, chunk by chunk."""
 
-from sextant.data.rendered.lock import tell_stderr
+from sextant.data.rendered.lock import notify_stderr
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import ArraySpec, RenderPlan
-from sextant.data.rendered.progress import Progress, Showing, telling_every
+from sextant.data.rendered.progress import Progress, Showing, notify_every
 from sextant.data.rendered.repair import forget_chunks, repair_store
 from sextant.data.rendered.source import modules_sha256
 from sextant.data.rendered.splits import RenderedSource
@@ -24,10 +24,10 @@ __all__ = [
     "forget_chunks",
     "load_store",
     "modules_sha256",
+    "notify_every",
+    "notify_stderr",
     "open_store",
     "read_manifest",
     "repair_store",
-    "tell_stderr",
-    "telling_every",
     "verify_store",
 ]

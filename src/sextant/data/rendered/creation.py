@@ -10,15 +10,15 @@ import numpy as np
 from numpy import ndarray
 
 from sextant.atomic_files import write_atomically
-from sextant.data.rendered.disk import telling_disk_errors
+from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.journal import Journal
 from sextant.data.rendered.layout import StoreLayout, make_arrays
-from sextant.data.rendered.lock import Tell, store_lock
+from sextant.data.rendered.lock import Notify, store_lock
 from sextant.data.rendered.manifest import Manifest, manifest_of, write_manifest
 from sextant.data.rendered.plan import RenderPlan, check_plan
 
 
-def create_store(directory: Path, plan: RenderPlan, tell: Tell) -> None:
+def create_store(directory: Path, plan: RenderPlan, notify: Notify) -> None:
     """Write columns, empty arrays and last the manifest, unless another process does.
 
     Rendered chunks that are there already, from before the manifest was lost, are kept.
@@ -27,11 +27,11 @@ def create_store(directory: Path, plan: RenderPlan, tell: Tell) -> None:
         UserError: the folder cannot be written to, or the disk is full.
     """
     layout = StoreLayout(directory)
-    with store_lock(directory, layout.manifest.is_file, tell) as held:
+    with store_lock(directory, layout.manifest.is_file, notify) as held:
         if held and not layout.manifest.is_file():
             check_plan(plan)
             columns, manifest = dict(plan.columns), manifest_of(plan)
-            with telling_disk_errors(directory, lambda: manifest.count * manifest.item_bytes):
+            with reporting_disk_errors(directory, lambda: manifest.count * manifest.item_bytes):
                 _lay_out(layout, manifest, columns)
 
 

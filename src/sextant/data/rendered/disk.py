@@ -65,7 +65,7 @@ def allocated_bytes(paths: Iterable[Path]) -> int:
 
 
 @contextmanager
-def telling_disk_errors(folder: Path, needed: Callable[[], int]) -> Iterator[None]:
+def reporting_disk_errors(folder: Path, needed: Callable[[], int]) -> Iterator[None]:
     """Turn what the disk refuses inside into one message.
 
     Raises:

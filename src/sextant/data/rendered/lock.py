@@ -9,19 +9,19 @@ from pathlib import Path
 
 from filelock import BaseFileLock, FileLock, Timeout
 
-from sextant.data.rendered.disk import telling_disk_errors
+from sextant.data.rendered.disk import reporting_disk_errors
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
 POLL_S = 0.2
 
 
-def tell_stderr(message: str) -> None:
+def notify_stderr(message: str) -> None:
     """Print a message for the user, apart from what the program puts out."""
     print(message, file=sys.stderr, flush=True)
 
 
 @contextmanager
-def store_lock(directory: Path, ready: Callable[[], bool], tell: Tell) -> Iterator[bool]:
+def store_lock(directory: Path, ready: Callable[[], bool], notify: Notify) -> Iterator[bool]:
     """Hold the lock of the store at ``directory``; the system frees it when the process ends, however it ends.
 
     While another process holds it, waits, and says once for whom.
@@ -29,7 +29,7 @@ def store_lock(directory: Path, ready: Callable[[], bool], tell: Tell) -> Iterat
     Args:
         directory: of the store; its lock lies beside it and outlives it.
         ready: asked a few times a second while waiting: there is nothing left to do.
-        tell: gets the message.
+        notify: gets the message.
 
     Yields:
         Whether the lock is held; false once ``ready`` said so.
@@ -38,18 +38,18 @@ def store_lock(directory: Path, ready: Callable[[], bool], tell: Tell) -> Iterat
         UserError: the lock cannot be written.
     """
     locks = directory.parent / ".locks"
-    with telling_disk_errors(directory.parent, lambda: 0):
+    with reporting_disk_errors(directory.parent, lambda: 0):
         locks.mkdir(parents=True, exist_ok=True)
     owner = locks / f"{directory.name}.owner"
     lock = FileLock(locks / f"{directory.name}.lock", thread_local=False)
     held, told = False, False
     while True:
-        with telling_disk_errors(directory.parent, lambda: 0):
+        with reporting_disk_errors(directory.parent, lambda: 0):
             held = _acquired(lock, POLL_S if told else 0)
         if held:
             break
         if not told:
-            tell(f"waiting for {_read(owner)}, which is rendering {directory.name}")
+            notify(f"waiting for {_read(owner)}, which is rendering {directory.name}")
             told = True
         if ready():
             break

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
-from sextant.data.rendered.lock import tell_stderr
+from sextant.data.rendered.lock import notify_stderr
 
 #: called with the number of items that are done and of all
 Progress = Callable[[int, int], None]
@@ -12,14 +12,14 @@ Progress = Callable[[int, int], None]
 Showing = Callable[[], AbstractContextManager[Progress]]
 
 
-def telling_every(seconds: float, what: str) -> Progress:
+def notify_every(seconds: float, what: str) -> Progress:
     """A function that prints how far the work is to the standard error, every so often."""
     told = time.monotonic()
 
-    def tell(done: int, total: int) -> None:
+    def notify(done: int, total: int) -> None:
         nonlocal told
         if time.monotonic() - told > seconds:
             told = time.monotonic()
-            tell_stderr(f"{what}: {done:,}/{total:,} images")
+            notify_stderr(f"{what}: {done:,}/{total:,} images")
 
-    return tell
+    return notify

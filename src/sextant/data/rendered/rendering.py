@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sextant.data.rendered.disk import telling_disk_errors, write_at
+from sextant.data.rendered.disk import reporting_disk_errors, write_at
 from sextant.data.rendered.journal import ChunkRecord
 from sextant.data.rendered.layout import StoreLayout
 from sextant.data.rendered.manifest import Manifest
@@ -50,7 +50,7 @@ class ChunkWriter:
         found = self._plan.render(start, stop)
         check_chunk(self._manifest.name, found, arrays, stop - start)
         hashes = {}
-        with telling_disk_errors(self._layout.path, self._needed):
+        with reporting_disk_errors(self._layout.path, self._needed):
             for name, spec in arrays.items():
                 offset = self._offsets[name] + start * spec.item_bytes
                 hashes[name] = write_at(self._layout.array(name), offset, np.ascontiguousarray(found[name]))

@@ -3,15 +3,15 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from sextant.data.rendered.disk import telling_disk_errors
+from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.journal import Journal
 from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, array_offset
-from sextant.data.rendered.lock import Tell, store_lock, tell_stderr
+from sextant.data.rendered.lock import Notify, notify_stderr, store_lock
 from sextant.data.rendered.manifest import read_manifest
 from sextant.data.rendered.verify import StoreReport
 
 
-def forget_chunks(directory: Path | str, chunks: Iterable[int], *, tell: Tell = tell_stderr) -> None:
+def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notify = notify_stderr) -> None:
     """Drop chunks from a store's journal: the next fill renders these anew. Waits for a process that renders.
 
     Raises:
@@ -20,12 +20,12 @@ def forget_chunks(directory: Path | str, chunks: Iterable[int], *, tell: Tell = 
     """
     layout = StoreLayout(Path(directory).absolute())
     dropped = set(chunks)
-    with store_lock(layout.path, lambda: False, tell), telling_disk_errors(layout.path, lambda: 0):
+    with store_lock(layout.path, lambda: False, notify), reporting_disk_errors(layout.path, lambda: 0):
         journal = Journal(layout.journal, read_manifest(layout.path).grid)
         journal.keep({chunk: record for chunk, record in journal.records().items() if chunk not in dropped})
 
 
-def repair_store(report: StoreReport, *, tell: Tell = tell_stderr) -> None:
+def repair_store(report: StoreReport, *, notify: Notify = notify_stderr) -> None:
     """Forget the damaged chunks of a verified store, and clear away damaged files.
 
     If a file is damaged as a whole, the manifest goes too: opening the store with its plan then lays out anew what is
@@ -36,10 +36,10 @@ def repair_store(report: StoreReport, *, tell: Tell = tell_stderr) -> None:
     """
     layout, manifest = StoreLayout(report.directory), report.manifest
     if manifest is not None and report.damaged_chunks:
-        forget_chunks(layout.path, {damage.chunk for damage in report.damaged_chunks}, tell=tell)
+        forget_chunks(layout.path, {damage.chunk for damage in report.damaged_chunks}, notify=notify)
     if not report.damaged_files:
         return
-    with store_lock(layout.path, lambda: False, tell), telling_disk_errors(layout.path, lambda: 0):
+    with store_lock(layout.path, lambda: False, notify), reporting_disk_errors(layout.path, lambda: 0):
         layout.journal.touch()  # marks the folder as a store while its manifest is gone
         for name, spec in manifest.arrays.items() if manifest is not None else ():
             try:

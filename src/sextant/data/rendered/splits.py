@@ -11,7 +11,7 @@ from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
 from sextant.data.rendered.plan import RenderPlan
-from sextant.data.rendered.progress import Showing, telling_every
+from sextant.data.rendered.progress import Showing, notify_every
 from sextant.data.rendered.store import open_store
 from sextant.errors import UserError
 
@@ -65,7 +65,7 @@ class RenderedSource:
     def __init__(self, dataset: RenderedDataset, threads: int | None = None):
         self.dataset, self.threads = dataset, threads or os.cpu_count() or 1
         self.name = dataset.name
-        self.showing: Showing = lambda: nullcontext(telling_every(5.0, f"rendering {dataset.name}"))
+        self.showing: Showing = lambda: nullcontext(notify_every(5.0, f"rendering {dataset.name}"))
 
     def files(self, split: str) -> list[Path]:
         """None: what is missing is rendered."""

@@ -13,11 +13,11 @@ import numpy as np
 from numpy import ndarray
 
 from sextant.data.rendered.creation import create_store
-from sextant.data.rendered.disk import DiskFullError, allocated_bytes, free_bytes, telling_disk_errors
+from sextant.data.rendered.disk import DiskFullError, allocated_bytes, free_bytes, reporting_disk_errors
 from sextant.data.rendered.indices import Indices, chosen_items
 from sextant.data.rendered.journal import Journal
 from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_array, part_sha256
-from sextant.data.rendered.lock import Tell, store_lock, tell_stderr
+from sextant.data.rendered.lock import Notify, notify_stderr, store_lock
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import RenderPlan
 from sextant.data.rendered.progress import Progress
@@ -25,7 +25,7 @@ from sextant.data.rendered.rendering import ChunkWriter, written_chunks
 from sextant.errors import UserError
 
 
-def open_store(plan: RenderPlan, cache: Path | str, *, tell: Tell = tell_stderr) -> "RenderedStore":
+def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = notify_stderr) -> "RenderedStore":
     """The store of a plan below ``cache``; laid out, with nothing rendered, if it is not there yet.
 
     A store that is there is opened without building the plan's world.
@@ -33,7 +33,7 @@ def open_store(plan: RenderPlan, cache: Path | str, *, tell: Tell = tell_stderr)
     Args:
         plan: what to render.
         cache: folder of stores.
-        tell: gets a message when this process waits for another.
+        notify: gets a message when this process waits for another.
 
     Raises:
         UserError: the folder cannot be written to, or the disk is full.
@@ -41,21 +41,21 @@ def open_store(plan: RenderPlan, cache: Path | str, *, tell: Tell = tell_stderr)
     """
     directory = Path(cache).absolute() / f"{plan.name}-{plan.digest[:8]}"
     if not StoreLayout(directory).manifest.is_file():
-        create_store(directory, plan, tell)
-    store = RenderedStore(directory, plan, tell)
+        create_store(directory, plan, notify)
+    store = RenderedStore(directory, plan, notify)
     if store.digest != plan.digest:
         path = StoreLayout(directory).manifest
         raise DamagedStoreError.at(path, f"is of {store.digest[:16]}, the config asks for {plan.digest[:16]}")
     return store
 
 
-def load_store(directory: Path | str, *, tell: Tell = tell_stderr) -> "RenderedStore":
+def load_store(directory: Path | str, *, notify: Notify = notify_stderr) -> "RenderedStore":
     """A store as it lies on disk, without its renderer: what is not rendered cannot be read.
 
     Raises:
         DamagedStoreError: a file of the store is not what it should be; names it and the command that repairs it.
     """
-    return RenderedStore(Path(directory).absolute(), None, tell)
+    return RenderedStore(Path(directory).absolute(), None, notify)
 
 
 class RenderedStore:
@@ -69,11 +69,11 @@ class RenderedStore:
         manifest: what it holds.
     """
 
-    def __init__(self, directory: Path, plan: RenderPlan | None, tell: Tell = tell_stderr):
+    def __init__(self, directory: Path, plan: RenderPlan | None, notify: Notify = notify_stderr):
         self.directory = directory
         self.manifest: Manifest = read_manifest(directory)
         self._plan = plan
-        self._tell = tell
+        self._notify = notify
         self._layout = StoreLayout(directory)
         self._offsets = {
             name: check_array(self._layout.array(name), spec, len(self)) for name, spec in self.manifest.arrays.items()
@@ -84,8 +84,8 @@ class RenderedStore:
         self._rendering = Lock()
         self._refresh()
 
-    def __reduce__(self) -> tuple[type["RenderedStore"], tuple[Path, RenderPlan | None, Tell]]:
-        return type(self), (self.directory, self._plan, self._tell)
+    def __reduce__(self) -> tuple[type["RenderedStore"], tuple[Path, RenderPlan | None, Notify]]:
+        return type(self), (self.directory, self._plan, self._notify)
 
     def __len__(self) -> int:
         return self.manifest.count
@@ -242,7 +242,7 @@ class RenderedStore:
             progress(self.rendered, len(self))
             return not missing
 
-        with self._rendering, store_lock(self.directory, ready, self._tell) as held:
+        with self._rendering, store_lock(self.directory, ready, self._notify) as held:
             missing = self._missing(chunks) if held else []
             if missing:
                 made = self._render_missing(missing, self._plan, threads, progress)
@@ -254,14 +254,14 @@ class RenderedStore:
 
         if needed() > free_bytes(self.directory):
             raise DiskFullError.at(self.directory, needed())
-        with telling_disk_errors(self.directory, needed):
+        with reporting_disk_errors(self.directory, needed):
             self._journal.cut_torn_line()
         progress(self.rendered, len(self))
         made = 0
         writer = ChunkWriter(self.directory, self.manifest, plan, self._offsets, needed)
         with closing(written_chunks(writer, missing, threads)) as records:
             for record in records:
-                with telling_disk_errors(self.directory, needed):
+                with reporting_disk_errors(self.directory, needed):
                     self._journal.append(record)
                 made += record.stop - record.start
                 progress(self.rendered, len(self))
