@@ -145,3 +145,20 @@ def test_a_full_disk_is_raised_and_leaves_nothing(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"):
         m.write_corruption(tmp_path / "fog.npy", CHOSEN["fog"], IMAGES, RECIPE)
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_no_array_of_numbers_is_refused(tmp_path):
+    np.save(tmp_path / "whole.npy", IMAGES)
+    assert np.array_equal(m.read_array(tmp_path / "whole.npy", "input"), IMAGES)
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "whole.npy").read_bytes()[:200])
+    np.save(tmp_path / "pickled.npy", np.array([{}]), allow_pickle=True)
+    np.savez(tmp_path / "several.npz", IMAGES)
+    (tmp_path / "several.npz").rename(tmp_path / "several.npy")
+    for name, said in (
+        ("gone", "input: there is no such file"),
+        ("cut", "input cannot be read"),
+        ("pickled", "input cannot be read"),
+        ("several", r"input is not a \.npy file"),
+    ):
+        with pytest.raises(UserError, match=said):
+            m.read_array(tmp_path / f"{name}.npy", "input")

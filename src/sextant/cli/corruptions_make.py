@@ -174,32 +174,15 @@ def _device(text: str) -> str:
 
 def _input(text: str, labels: str | None) -> "tuple[Images, NDArray[Any] | None]":
     """Images ``(n, h, w[, c])``, and labels if there are any."""
-    from sextant.corruptions.making import check_images, check_labels
+    from sextant.corruptions.making import check_images, check_labels, read_array
 
     if Path(text).suffix == ".npy":
-        images, found = check_images(_load(text, "input"), f"input={text}"), None
+        images, found = check_images(read_array(Path(text), f"input={text}"), f"input={text}"), None
     else:
         images, found = _dataset(text)
     if labels is not None:
-        found = _load(labels, "labels")
+        found = read_array(Path(labels), f"labels={labels}")
     return images, None if found is None else check_labels(found, f"labels={labels}", len(images))
-
-
-def _load(text: str, key: str) -> NDArray[Any]:
-    """A ``.npy`` file, mapped into memory; nothing in it is unpickled."""
-    path = Path(text).expanduser()
-    if not path.is_file():
-        raise UserError(f"{key}={text}: there is no such file", None)
-    try:
-        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        reason = str(error).splitlines()[0] if str(error) else "it is cut off"
-        raise UserError(
-            f"{key}={text} cannot be read: {reason}", "It must be a complete .npy file of numbers."
-        ) from None
-    if not isinstance(loaded, np.ndarray):
-        raise UserError(f"{key}={text} is not a .npy file", "numpy.save writes one.")
-    return loaded
 
 
 def _dataset(name: str) -> "tuple[Images, NDArray[Any]]":

@@ -49,10 +49,10 @@ def main(arguments: Sequence[str]) -> None:
 
 def _list(arguments: list[str]) -> None:
     from sextant.data.rendered.disk import allocated_bytes, readable
-    from sextant.data.rendered.verify import is_store
+    from sextant.data.rendered.finding import stores_in
 
     cache = _cache(arguments)
-    stores = sorted(path for path in cache.glob("*") if is_store(path))
+    stores = stores_in(cache)
     table = Table("store", "rendered", "on disk", "state")
     for path in stores:
         rendered, state = _state(path)
@@ -159,6 +159,7 @@ def _shown(value: Any) -> str:
 
 def _verify(arguments: list[str]) -> None:
     from sextant.data.rendered import repair_store, verify_store
+    from sextant.data.rendered.finding import find_store
 
     names = [argument for argument in arguments if "=" not in argument]
     paths = [argument for argument in arguments if argument.startswith("paths.")]
@@ -169,7 +170,7 @@ def _verify(arguments: list[str]) -> None:
         raise UserError(f"repair={given['repair']} must be true or false", USAGE)
     if len(names) != 1:
         raise UserError("which store? Give one", USAGE)
-    directory = _find(names[0], _cache(paths))
+    directory = find_store(names[0], _cache(paths))
     with work_progress("checking", "chunks") as progress:
         report = verify_store(directory, progress)
     _show(report)
@@ -183,23 +184,6 @@ def _verify(arguments: list[str]) -> None:
     console.print(
         "what is damaged is forgotten, nothing else is lost; it is not rendered again yet:\n"
         f"sextant data render dataset={escape(dataset)} with the keys it was rendered with does"
-    )
-
-
-def _find(name: str, cache: Path) -> Path:
-    """The store that ``name`` means: its folder, the name of its folder, or of its dataset if there is one of these."""
-    from sextant.data.rendered.verify import is_store
-
-    stores = sorted(path for path in cache.glob("*") if is_store(path))
-    for path in (Path(name).expanduser(), cache / name):
-        if is_store(path):
-            return path.absolute()
-    found = [path for path in stores if path.name.rpartition("-")[0] == name]
-    if len(found) == 1:
-        return found[0]
-    several = ", ".join(path.name for path in found or stores) or "none"
-    raise UserError(
-        f"{name}: {'several stores' if found else 'no store'} of that name in {cache}", f"Stores there: {several}"
     )
 
 

@@ -47,6 +47,28 @@ class Recipe:
     version: str
 
 
+def read_array(path: Path, name: str) -> NDArray[Any]:
+    """A ``.npy`` file, mapped into memory; nothing in it is unpickled.
+
+    Args:
+        path: of the file.
+        name: what to call it in the message.
+
+    Raises:
+        UserError: there is no such file, or it is not a whole array of numbers.
+    """
+    try:
+        loaded = np.load(path.expanduser(), mmap_mode="r", allow_pickle=False)
+    except FileNotFoundError:
+        raise UserError(f"{name}: there is no such file") from None
+    except (OSError, ValueError, EOFError) as error:
+        reason = str(error).splitlines()[0] if str(error) else "it is cut off"
+        raise UserError(f"{name} cannot be read: {reason}", "It must be a complete .npy file of numbers.") from None
+    if not isinstance(loaded, np.ndarray):
+        raise UserError(f"{name} is not a .npy file", "numpy.save writes one.")
+    return loaded
+
+
 def images_digest(images: Images) -> str:
     """SHA-256 of the shape and the values, read block by block."""
     digest = hashlib.sha256(str(images.shape).encode())
