@@ -111,7 +111,7 @@ def test_a_second_kidnap_keeps_the_first():
     ("fault", "told"),
     [(faults.Kidnap(0.5, 100.0), "is 100 away"), (faults.Kidnap(0.5, 1.0, 60), "has 60 of 40 frames left"),
      (faults.Kidnap(40, 1.0), r"must be in \[1, 39\]"), (faults.Blackout(0.5, 30), "40 frames"),
-     (faults.OdometrySlip(30, 11), "length=10 at the most")],
+     (faults.OdometrySlip(30, 11), "length=10 at most")],
 )  # fmt: skip
 def test_a_drive_that_is_too_short_is_told(fault, told):
     with pytest.raises(UserError, match=told):

@@ -54,7 +54,7 @@ def test_a_missing_frame_is_a_longer_step(railway):
 
 
 def test_one_season_cannot_be_localized(railway):
-    with pytest.raises(UserError, match="none is left to localize"):
+    with pytest.raises(UserError, match="leaves none to localize"):
         as_localization_source(Nordland(("summer",), roots=[railway], **RIDE)).read()
 
 

@@ -214,7 +214,7 @@ def test_the_first_season_of_a_town_is_its_map(tmp_path, quick):
 
 def test_a_town_of_one_season_has_nothing_to_localize(tmp_path, quick):
     dataset = TownSeasons(roots=[tmp_path], **TOWN | {"conditions": ["summer_noon"]})
-    with pytest.raises(UserError, match="none is left to localize"):
+    with pytest.raises(UserError, match="leaves none to localize"):
         as_localization_source(dataset).read()
 
 

@@ -101,7 +101,7 @@ def test_the_error_is_the_share_of_wrong_predictions():
     ("call", "message"),
     [
         (lambda: error_rate(np.array([], int), np.array([], int)), "at least one"),
-        (lambda: error_rate(np.array([1]), np.array([1, 2])), "one prediction a label"),
+        (lambda: error_rate(np.array([1]), np.array([1, 2])), "one prediction per label"),
         (lambda: CorruptionErrors(8.29, {"fog": (0.2,)}), "shares in .0, 1., got values from 0.2 to 8.29"),
         (lambda: CorruptionErrors(float("nan"), {"fog": (0.2,)}), "shares in"),
         (lambda: CorruptionErrors(0.1, {"fog": ()}), "without any severity: fog"),

@@ -224,7 +224,7 @@ def test_a_tile_with_less_than_the_share_of_the_strongest_has_nothing():
 
 
 def test_no_tiles_are_refused():
-    with pytest.raises(ValueError, match="one tile of a side or more, got 0"):
+    with pytest.raises(ValueError, match="at least one tile per side, got 0"):
         preset("traffic_sign").configure(drawn("tee")).maxima(drawn("tee"), 0)
 
 
