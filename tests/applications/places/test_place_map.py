@@ -14,6 +14,7 @@ from tiny_places import Pixels, ride, scene, tiny_checkpoint
 import sextant
 from sextant import PlaceMap
 from sextant.applications import FailedPhoto, FailedPhotosError
+from sextant.applications.places import place_map
 from sextant.applications.places.run_facts import Temperature
 from sextant.atomic_files import write_sealed_json
 from sextant.baselines import Hog, WhitenedPCA
@@ -115,7 +116,7 @@ def test_sequences_find_what_single_photos_miss(tmp_path):
 
 
 def test_photos_at_near_positions_share_their_confidence(rides, tmp_path):
-    places = PlaceMap(Pixels(), temperature=Temperature(1.0))
+    places = PlaceMap(Pixels(), temperature=1.0)
     places.add(rides[0], [(0, 0), (3, 0), (6, 0), (100, 0), (np.nan, np.nan), (np.nan, np.nan)])
     photo = rides[1] / "001.png"
 
@@ -149,6 +150,22 @@ def test_photos_of_a_ride_share_their_confidence_if_so_wished(rides, places):
     places.tolerance = 1
     found = {each.photo.name: each.confidence for each in places.look_up(rides[1] / "001.png", k=6).matches}
     assert found["001.png"] == pytest.approx(sum(alone[f"00{j}.png"] for j in (0, 1, 2)))
+
+
+def test_what_one_place_is_is_worked_out_once_for_a_map(rides, places, monkeypatch):
+    asked = []
+    worked_out = place_map.same_place
+    monkeypatch.setattr(place_map, "same_place", lambda *given: asked.append(given) or worked_out(*given))
+    photo = rides[1] / "001.png"
+    for _ in range(3):
+        places.look_up(photo)
+    assert len(asked) == 1
+    places.tolerance = 1
+    first = places.look_up(photo).best.confidence
+    assert len(asked) == 2
+    places.add(ride(rides[0].parent / "more", [1]))
+    assert places.look_up(photo).best.confidence != first
+    assert len(asked) == 3
 
 
 # --- adding ----------------------------------------------------------------------------------------------------------
@@ -224,6 +241,7 @@ def test_photos_that_cannot_be_looked_up(rides, places):
             "uint8 16x24x1; the network takes uint8 16x24x3",
         ),
         (lambda places, day: places.look_up(np.zeros((16, 24, 3))), "float64 16x24x3"),
+        (lambda places, day: PlaceMap(Pixels(), temperature=0), "temperature=0 must be above 0"),
         (lambda places, day: PlaceMap(lambda images: images), "size=None: this descriptor does not tell"),
     ],
 )
@@ -236,12 +254,14 @@ def test_mistakes(rides, places, ask, says):
 
 
 @pytest.mark.parametrize(
-    "descriptor", [PixelBaseline(16, 24), Hog(32, 48), "fitted"], ids=["pixels", "hog", "whitened"]
+    ("descriptor", "size"),
+    [(PixelBaseline(16, 24), None), (Hog(32, 48), ImageSize(40, 60, 1)), ("fitted", None)],
+    ids=["pixels", "hog", "whitened"],
 )
-def test_a_saved_map_opens_by_itself_and_answers_as_before(rides, tmp_path, descriptor):
+def test_a_saved_map_opens_by_itself_and_answers_as_before(rides, tmp_path, descriptor, size):
     if descriptor == "fitted":
         descriptor = WhitenedPCA(16, 24, 4).fit(np.stack([pixels(k) for k in range(6)]))
-    places = PlaceMap(descriptor, temperature=SURE)
+    places = PlaceMap(descriptor, size, temperature=SURE)
     places.tolerance = 2.0
     places.add(rides[0])
     places.save(tmp_path / "map")
@@ -284,7 +304,7 @@ def test_a_map_of_before_positions_and_temperatures_were_kept(rides, checkpoint,
     places.add(rides[0])
     places.save(tmp_path / "map", descriptor=False)
     header = json.loads((tmp_path / "map" / "map.json").read_text())
-    new = {"descriptor", "temperature", "tolerance", "tolerances", "positions"}
+    new = {"descriptor", "temperature", "tolerance", "tolerances", "positions", "size"}
     write_sealed_json(tmp_path / "map" / "map.json", {key: header[key] for key in header if key not in new})
     again = PlaceMap.open(tmp_path / "map", run=checkpoint)
     assert again.look_up(rides[1] / "002.png") == places.look_up(rides[1] / "002.png")
@@ -292,13 +312,14 @@ def test_a_map_of_before_positions_and_temperatures_were_kept(rides, checkpoint,
 
 def test_a_descriptor_that_cannot_be_kept_is_given_again(rides, tmp_path):
     layer = NetworkLayer(torch.nn.Conv2d(3, 4, 3), 16, 24, grid=(2, 3))
-    places = PlaceMap(layer, ImageSize(16, 24))
+    places = PlaceMap(layer, ImageSize(20, 30), temperature=0.2)
+    places.tolerance = 1
     places.add(rides[0])
     places.save(tmp_path)
     with pytest.raises(UserError, match="without what describes photos"):
         PlaceMap.open(tmp_path)
     again = PlaceMap.open(tmp_path, descriptor=layer)
-    assert again.look_up(rides[1] / "003.png").matches == places.look_up(rides[1] / "003.png").matches
+    assert again.look_up(rides[1] / "003.png") == places.look_up(rides[1] / "003.png")
     with pytest.raises(UserError, match="is of another network"):
         PlaceMap.open(tmp_path, descriptor=PixelBaseline(16, 24))
 
@@ -327,7 +348,7 @@ def test_a_damaged_map_is_refused(rides, tmp_path, name, harm):
 
 
 @pytest.mark.parametrize(
-    "change", [{"temperature": 3}, {"tolerances": {}}, {"positions": [[1, 2]]}, {"tolerance": "x"}]
+    "change", [{"temperature": 3}, {"tolerances": {}}, {"positions": [[1, 2]]}, {"tolerance": "x"}, {"size": 3}]
 )
 def test_a_header_of_values_that_are_none_is_refused(rides, places, tmp_path, change):
     places.save(tmp_path)

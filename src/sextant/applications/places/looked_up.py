@@ -56,14 +56,14 @@ def looked_up(
     names: Sequence[str], stretched: Sequence[bool], reference: DescribedPhotos, found: Matches
 ) -> list[LookedUp]:
     """What was found of each photo: by sequences, if they were matched so, or else by itself."""
-    files = reference.paths
+    folder, files = reference.photos.folder, reference.index.names or ()
 
     def listed(
         indices: Int64[ndarray, "k"], values: Float[ndarray, "k"], confidence: Float[ndarray, "k"] | None
     ) -> tuple[PlaceMatch, ...]:
         sure = [None] * len(indices) if confidence is None else [float(p) for p in confidence]
         return tuple(
-            PlaceMatch(files[j], float(value), p, _position(reference, int(j)))
+            PlaceMatch(folder / files[j], float(value), p, _position(reference, int(j)))
             for j, value, p in zip(indices, values, sure, strict=True)
         )
 

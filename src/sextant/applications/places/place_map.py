@@ -33,7 +33,7 @@ from sextant.trained.content import own_config, read_trained
 AnyPhoto = Path | str | UInt8[ndarray, "h w *c"]
 Errors = Literal["raise", "return"]
 DESCRIPTOR = "descriptor"
-NO_RUN = Temperature(None, "the descriptor is no run's, whose test fits the temperature")
+NO_RUN = "the descriptor is no run's, whose test fits the temperature"
 
 
 def silent(done: int, total: int) -> None:
@@ -58,7 +58,7 @@ class PlaceMap:
         descriptor: what describes images: one of :mod:`sextant.baselines` that need not be fitted or was, or anything
             with ``describe``.
         size: of the images that it takes; by default its own ``size``, or ``height`` and ``width``.
-        temperature: of the posterior over the map, or why there is none.
+        temperature: of the posterior over the map, above 0; without it matches have no confidence.
         tolerances: what counts as one place, in metres and in photos along a ride.
 
     Attributes:
@@ -66,7 +66,7 @@ class PlaceMap:
             with positions, else in photos along a ride. None is the run's in metres, and 0 photos.
 
     Raises:
-        ArgumentError: the size is not known, or the descriptor takes vectors alone.
+        ArgumentError: the size is not known, the descriptor takes vectors alone, or the temperature is not above 0.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class PlaceMap:
         descriptor: Describes | KeptDescriptor,
         size: ImageSize | None = None,
         *,
-        temperature: Temperature = NO_RUN,
+        temperature: Temperature | float | None = None,
         tolerances: Mapping[Unit, PlaceTolerance] = TOLERANCES,
     ):
         self.descriptor = descriptor if isinstance(descriptor, KeptDescriptor) else kept_baseline(descriptor)
@@ -83,10 +83,14 @@ class PlaceMap:
         self._describer = self.descriptor.describer
         self.size = size or _size_of(self._describer)
         self.model = self.descriptor.model
-        self.temperature, self.tolerances = temperature, dict(tolerances)
+        told = temperature if isinstance(temperature, Temperature) else Temperature(temperature, NO_RUN)
+        if told.value is not None and not told.value > 0:
+            raise ArgumentError(f"temperature={told.value:g} must be above 0", "For example temperature=0.05")
+        self.temperature, self.tolerances = told, dict(tolerances)
         self.tolerance: float | None = None
         self._parts: list[DescribedPhotos] = []
         self._files: set[Path] = set()
+        self._same: tuple[DescribedPhotos, float, Positives] | None = None
 
     # -- from a run --------------------------------------------------------------------------------------------------
 
@@ -199,7 +203,8 @@ class PlaceMap:
         described = self.described
         if kept:
             self.descriptor.save(folder / DESCRIPTOR)
-        save_map(described, MapFacts(self.model, kept, self.temperature, self.tolerance, self.tolerances), folder)
+        facts = MapFacts(self.model, kept, self.temperature, self.tolerance, self.tolerances, self.size)
+        save_map(described, facts, folder)
 
     @classmethod
     def open(
@@ -227,17 +232,15 @@ class PlaceMap:
         facts = read_facts(folder)
         if run is not None:
             places = cls.load(run, outputs, trust=trust)
-        elif descriptor is not None:
-            places = cls(descriptor)
-        elif facts.descriptor:
-            kept = load_descriptor(folder / DESCRIPTOR, trust=trust)
-            places = cls(kept, temperature=facts.temperature, tolerances=facts.tolerances)
-            places.tolerance = facts.tolerance
+        elif descriptor is not None or facts.descriptor:
+            kept = descriptor or load_descriptor(folder / DESCRIPTOR, trust=trust)
+            places = cls(kept, facts.size, temperature=facts.temperature, tolerances=facts.tolerances)
         else:
             raise UserError(
                 f"the map in {folder} was saved without what describes photos",
                 "Name the run of its network: PlaceMap.open(folder, run=...)",
             )
+        places.tolerance = facts.tolerance
         return places.take(folder)
 
     def take(self, folder: Path) -> Self:
@@ -351,13 +354,19 @@ class PlaceMap:
         if k < 1:
             raise ArgumentError(f"k={k} must be at least 1", "For example k=5")
         described = self.described
-        if same is None:
-            usual = 0.0 if described.positions is None else self.tolerances["m"].positive
-            same = same_place(described, usual if self.tolerance is None else self.tolerance)
+        same = self._same_place(described) if same is None else same
         return match(
             described.index, queries, same, min(k, len(described.index)),
             temperature=self.temperature.value, sequence=sequence, progress=progress,
         )  # fmt: skip
+
+    def _same_place(self, described: DescribedPhotos) -> Positives:
+        """Which photos of the map show one place, worked out once for as long as neither map nor tolerance changes."""
+        usual = 0.0 if described.positions is None else self.tolerances["m"].positive
+        tolerance = usual if self.tolerance is None else self.tolerance
+        if self._same is None or self._same[0] is not described or self._same[1] != tolerance:
+            self._same = described, tolerance, same_place(described, tolerance)
+        return self._same[2]
 
     def _look_up(
         self, photos: Iterable[AnyPhoto], k: int, sequence: int | None, errors: Errors

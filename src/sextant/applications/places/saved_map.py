@@ -17,7 +17,7 @@ from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.photo_folder import HEADER, PhotoFolder
 from sextant.applications.places.run_facts import Temperature
 from sextant.array_folder import FolderFormat, file_sha256
-from sextant.data.places.decoded_images import DECODER
+from sextant.data.places.decoded_images import DECODER, ImageSize
 from sextant.data.places.tolerance import PlaceTolerance, Unit
 from sextant.errors import UserError
 from sextant.retrieval import flat_index
@@ -39,6 +39,7 @@ class MapFacts:
         temperature: of the posterior over the map.
         tolerance: largest distance of one place, if it was chosen.
         tolerances: what counts as one place, by unit.
+        size: of the images that the network takes; None if it is the network's own.
     """
 
     model: str
@@ -46,6 +47,7 @@ class MapFacts:
     temperature: Temperature = NO_TEMPERATURE
     tolerance: float | None = None
     tolerances: Mapping[Unit, PlaceTolerance] = field(default_factory=lambda: TOLERANCES)
+    size: ImageSize | None = None
 
 
 def save_map(described: DescribedPhotos, facts: MapFacts, folder: Path) -> None:
@@ -107,7 +109,7 @@ def _header(folder: Path) -> dict[str, Any]:
 
 
 def _facts(header: Mapping[str, Any], folder: Path) -> MapFacts:
-    if "temperature" not in header:  # from before it was kept
+    if "size" not in header:  # from before these were kept
         return MapFacts(header["model"])
     try:
         value, lacking, tolerance = *(header["temperature"][key] for key in ("value", "lacking")), header["tolerance"]
@@ -117,9 +119,10 @@ def _facts(header: Mapping[str, Any], folder: Path) -> MapFacts:
             Temperature(None if value is None else float(value), str(lacking)),
             None if tolerance is None else float(tolerance),
             {unit: PlaceTolerance(**header["tolerances"][unit]) for unit in TOLERANCES},
+            ImageSize(**{key: int(side) for key, side in header["size"].items()}),
         )
-    except (KeyError, TypeError, ValueError, UserError) as error:
-        raise KIND.damaged(folder, f"{HEADER} does not tell what a place is: {error!r}") from error
+    except (AttributeError, KeyError, TypeError, ValueError, UserError) as error:
+        raise KIND.damaged(folder, f"{HEADER} does not tell how photos are looked up: {error!r}") from error
 
 
 def _positions(rows: Any, count: int) -> Float64[ndarray, "n 2"] | None:
