@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from scipy import stats
+from scipy.special import chdtrc
 
 CORRELATION = 0.25
 LEVEL = 0.01  # of the consistency test: one good set in a hundred is called inconsistent
@@ -130,7 +130,7 @@ def _chi_square(values: Float[ndarray, "n k"], sigmas: Float[ndarray, "n k"]) ->
 
 
 def _p_value(chi_square: float, degrees: int) -> float:
-    return float(stats.chi2.sf(chi_square, degrees)) if degrees > 0 else 1.0
+    return float(chdtrc(degrees, chi_square)) if degrees > 0 else 1.0
 
 
 def _without(values: Float[ndarray, "n k"], sigmas: Float[ndarray, "n k"], i: int) -> tuple[float, int, float]:

@@ -1,0 +1,77 @@
+"""What the package gives its users by name."""
+
+from sextant.evaluation.classification.corruption_baseline import (
+    ALEXNET_CIFAR10_C,
+    ALEXNET_IMAGENET_C,
+    CorruptionBaseline,
+    read_baseline,
+    write_baseline,
+)
+from sextant.evaluation.classification.corruption_difference import CorruptionDifferences, corruption_differences
+from sextant.evaluation.classification.corruption_error import (
+    ALL_19,
+    BENCHMARK_15,
+    CORRUPTION_FAMILIES,
+    CorruptionErrors,
+    error_rate,
+)
+from sextant.evaluation.classification.corruption_score import CorruptionScore, corruption_score
+from sextant.evaluation.classification.flip_probability import flip_probability, mean_flip_probability
+from sextant.evaluation.localization.particles_needed import CountRatio, needed_ratio, particles_needed
+from sextant.evaluation.localization.pose_posterior import (
+    PosteriorCalibration,
+    nees,
+    particle_nll,
+    posterior_calibration,
+)
+from sextant.evaluation.localization.success import ConvergenceSummary, global_localization, recovery_after
+from sextant.evaluation.localization.trajectory_error import ErrorStatistics, absolute_errors, relative_errors
+from sextant.evaluation.multiplicity import holm
+from sextant.evaluation.paired import PairedDifference, mean_interval, paired_difference
+from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, LocalizationProtocol, classification_converged
+from sextant.evaluation.share_interval import share_interval, share_interval_of
+from sextant.evaluation.stratified import Sample, StratifiedDifference, stratified_difference
+
+__all__ = [
+    "ALEXNET_CIFAR10_C",
+    "ALEXNET_IMAGENET_C",
+    "ALL_19",
+    "BENCHMARK_15",
+    "CORRUPTION_FAMILIES",
+    "SEEDS_FOR_A_CLAIM",
+    "ConvergenceSummary",
+    "CorruptionBaseline",
+    "CorruptionDifferences",
+    "CorruptionErrors",
+    "CorruptionScore",
+    "CountRatio",
+    "ErrorStatistics",
+    "LocalizationProtocol",
+    "PairedDifference",
+    "PosteriorCalibration",
+    "Sample",
+    "StratifiedDifference",
+    "absolute_errors",
+    "classification_converged",
+    "corruption_differences",
+    "corruption_score",
+    "error_rate",
+    "flip_probability",
+    "global_localization",
+    "holm",
+    "mean_flip_probability",
+    "mean_interval",
+    "needed_ratio",
+    "nees",
+    "paired_difference",
+    "particle_nll",
+    "particles_needed",
+    "posterior_calibration",
+    "read_baseline",
+    "recovery_after",
+    "relative_errors",
+    "share_interval",
+    "share_interval_of",
+    "stratified_difference",
+    "write_baseline",
+]
