@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from sextant.config.building import build
 from sextant.corruptions import BenchmarkSuite, Condition, benchmark_set, cifar10_c, eight_bit, imagenet_c, mnist_c
 from sextant.errors import UserError
 
@@ -75,16 +76,16 @@ def test_every_table_has_five_rows_or_is_of_a_corruption_without_severities():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"set": "cifar_c"}, "corruption.set=cifar_c is not known\nThere are: cifar10_c, mnist_c, imagenet_c."),
+        ({"set": "cifar_c"}, "set=cifar_c is not known\nThere are: cifar10_c, mnist_c, imagenet_c."),
         (
             {"names": ["fog", "rain"]},
-            "corruption.names=rain is not in the set cifar10_c\nIt has: benchmark15, extra4, ga",
+            "names=rain is not in the set cifar10_c\nIt has: benchmark15, extra4, ga",
         ),
         ({"names": []}, "chooses no corruption"),
-        ({"severities": [1, 6]}, r"corruption.severities=\[1,6\] has to be a list of some of 1, 2, 3, 4, 5"),
+        ({"severities": [1, 6]}, r"severities=\[1,6\] has to be a list of some of 1, 2, 3, 4, 5"),
         ({"severities": [2, 2]}, "each once"),
         ({"severities": []}, "has to be a list"),
-        ({"mode": "exact"}, "corruption.mode=exact is not known; it is faithful or corrected"),
+        ({"mode": "exact"}, "mode=exact is not known; it is faithful or corrected"),
     ],
 )
 def test_choices_that_do_not_exist_are_told(arguments, says):
@@ -131,3 +132,9 @@ def test_pushpulls_suites_are_what_they_were():
     generator = torch.Generator().manual_seed(455431443850761395)
     expected = torch.empty(1, 2, 2).normal_(std=0.1**0.5, generator=generator)
     assert torch.equal(noisy[0], expected)
+
+
+def test_a_config_names_the_key_of_a_choice_that_does_not_exist():
+    node = {"_target_": "sextant.corruptions.BenchmarkSuite", "names": ["rain"]}
+    with pytest.raises(UserError, match=r"^corruption.names=rain is not in the set"):
+        build({"corruption": node}, "corruption")

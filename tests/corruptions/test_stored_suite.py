@@ -88,8 +88,8 @@ def test_images_that_do_not_fit_the_dataset(folder):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda f: (f / "fog.npy").unlink(), "there is no fog.npy"),
-        (lambda f: (f / "labels.npy").unlink(), "there is no labels.npy"),
+        (lambda f: (f / "fog.npy").unlink(), "has no fog.npy"),
+        (lambda f: (f / "labels.npy").unlink(), "has no labels.npy"),
         (lambda f: (f / "fog.npy").write_bytes(b"nonsense"), "cannot be read"),
         (lambda f: np.save(f / "fog.npy", np.zeros((50, 16, 16, 3))), "holds float64"),
         (lambda f: np.save(f / "fog.npy", IMAGES[:7]), r"shape \(7, 16, 16, 3\)"),
@@ -103,7 +103,7 @@ def test_damaged_folders(folder, spoil, said):
 
 
 def test_of_another_set(folder):
-    with pytest.raises(UserError, match=r"holds corruptions of cifar10_c.*\n.*corruption.set=cifar10_c"):
+    with pytest.raises(UserError, match=r"holds corruptions of cifar10_c.*\n.*set=cifar10_c"):
         StoredSuite(folder, "imagenet_c", names="fog")
 
 

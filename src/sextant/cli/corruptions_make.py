@@ -147,10 +147,7 @@ def _chosen(given: Mapping[str, str]) -> "tuple[Corruptions, Literal['faithful',
     if mode not in ("faithful", "corrected"):
         raise UserError(f"mode={mode} is not known", "It is faithful or corrected.")
     known: Literal["faithful", "corrected"] = "corrected" if mode == "corrected" else "faithful"
-    try:
-        chosen = benchmark_set(given["set"]).build(names or None, [int(part) for part in severities] or None, known)
-    except UserError as error:  # its keys are those of a config
-        raise UserError(error.problem.replace("corruption.", ""), error.fix) from None
+    chosen = benchmark_set(given["set"]).build(names or None, [int(part) for part in severities] or None, known)
     return chosen, known
 
 

@@ -13,7 +13,7 @@ from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.sets import CIFAR10_C, IMAGENET_C, MNIST_C
 from sextant.corruptions.sets.benchmark_set import BenchmarkSet
 from sextant.corruptions.suite import Condition, CorruptionSuite
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 SETS = {benchmark.key: benchmark for benchmark in (CIFAR10_C, MNIST_C, IMAGENET_C)}
 Names = str | Sequence[str] | None
@@ -27,7 +27,7 @@ def benchmark_set(key: str) -> BenchmarkSet:
         UserError: there is no such set.
     """
     if key not in SETS:
-        raise UserError(f"corruption.set={key} is not known", f"There are: {', '.join(SETS)}.")
+        raise ArgumentError(f"set={key} is not known", f"There are: {', '.join(SETS)}.")
     return SETS[key]
 
 

@@ -20,7 +20,7 @@ from sextant.corruptions.contract import Indices, require_indices
 from sextant.corruptions.making import LABELS, RECORD
 from sextant.corruptions.protocol import Protocol
 from sextant.corruptions.suite import Condition, CorruptionSuite
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 MAKE = "python -m sextant.corruptions make set={set} input=<dataset> output={folder}"
 
@@ -46,9 +46,8 @@ class StoredSuite(CorruptionSuite):
         chosen, record = benchmark_set(set), read_json(self.folder / RECORD) or {}
         recipe = dict(record.get("recipe") or {})
         if recipe.get("set", set) != set:
-            raise UserError(
-                f"corruption.set={set}: {self.folder} holds corruptions of {recipe['set']}",
-                f"corruption.set={recipe['set']}",
+            raise ArgumentError(
+                f"set={set}: {self.folder} holds corruptions of {recipe['set']}", f"set={recipe['set']}"
             )
         super().__init__(chosen.build(names, severities), int(recipe.get("seed", 0)))
         stored = dict(record.get("severities") or {})
@@ -124,7 +123,7 @@ class StoredSuite(CorruptionSuite):
             found = np.load(path, mmap_mode="r", allow_pickle=False)
         except FileNotFoundError:
             raise UserError(
-                f"corruption.folder={self.folder}: there is no {name}",
+                f"{self.folder} has no {name}",
                 f"{MAKE.format(set='cifar10_c', folder=self.folder)} writes it; "
                 "or take the files of the benchmark's authors.",
             ) from None

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from sextant.corruptions.benchmark_corruption import SEVERITIES, BenchmarkCorruption, Mode
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 BENCHMARK_15, EXTRA_4 = "benchmark15", "extra4"
 
@@ -78,7 +78,7 @@ class BenchmarkSet:
             UserError: a name, severity or mode that the set does not have.
         """
         if mode not in ("faithful", "corrected"):
-            raise UserError(f"corruption.mode={mode} is not known; it is faithful or corrected")
+            raise ArgumentError(f"mode={mode} is not known; it is faithful or corrected")
         chosen = self._names(names)
         wanted = self._severities(severities)
         return {name: f.build(name, wanted, mode) for name, f in self.families.items() if name in chosen}
@@ -90,10 +90,10 @@ class BenchmarkSet:
         for name in [names] if isinstance(names, str) else names:
             if name not in self.families and name not in self.groups:
                 known = ", ".join([*self.groups, *self.families])
-                raise UserError(f"corruption.names={name} is not in the set {self.key}", f"It has: {known}.")
+                raise ArgumentError(f"names={name} is not in the set {self.key}", f"It has: {known}.")
             chosen |= set(self.groups.get(name, (name,)))
         if not chosen:
-            raise UserError("corruption.names=[] chooses no corruption", "Leave it out, or null, for all.")
+            raise ArgumentError("names=[] chooses no corruption", "Leave it out, or null, for all.")
         return chosen
 
     def _severities(self, severities: Sequence[int] | None) -> tuple[int, ...] | None:
@@ -101,5 +101,5 @@ class BenchmarkSet:
             return None
         if not severities or any(s not in SEVERITIES for s in severities) or len(set(severities)) < len(severities):
             given = "[" + ",".join(map(str, severities)) + "]"
-            raise UserError(f"corruption.severities={given} has to be a list of some of 1, 2, 3, 4, 5, each once")
+            raise ArgumentError(f"severities={given} has to be a list of some of 1, 2, 3, 4, 5, each once")
         return tuple(sorted(int(s) for s in severities))
