@@ -9,6 +9,7 @@ import torch
 import yaml
 from support import quick_config
 
+from sextant.cli.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute, execute_cell
@@ -66,6 +67,13 @@ def test_a_missing_device_is_told_before_there_is_a_directory(tmp_path, monkeypa
     with pytest.raises(UserError, match="no CUDA device was found"):
         execute(quick_config(tmp_path, "tracking=none", "trainer=gpu"))
     assert not list(tmp_path.glob("runs/*/[!.]*"))
+
+
+def test_a_distribution_of_cameras_that_is_none_is_refused_before_there_is_a_directory(tmp_path):
+    raw = to_plain(compose(["task=calibration", "sampling.tilt=abc", f"paths.outputs={tmp_path}"]))
+    with pytest.raises(UserError, match=r"^sampling\.tilt='abc' is not a distribution"):
+        execute(raw)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_finished_run_needs_no_device(finished, monkeypatch):

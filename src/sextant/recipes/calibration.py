@@ -31,9 +31,12 @@ class CalibrationRecipe(Recipe):
     test_settings = ("geometric_baselines",)
 
     def source(self, config: Config) -> "PanoramaSource":
-        """The dataset as a source of panoramas."""
+        """The dataset as a source of panoramas; distributions of cameras that are none are refused on the way."""
         from sextant.data.calibration.panoramas import as_panorama_source, rendered_sources
 
+        for group in ("sampling", "test_sampling"):
+            if getattr(config, group) is not None:
+                build(config.plain, group)
         source = as_panorama_source(build_dataset(config))
         for world in rendered_sources(source):
             world.showing = partial(self.reporter.progress, f"rendering {world.name}, once", "images")

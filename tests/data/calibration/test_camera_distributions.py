@@ -136,9 +136,9 @@ def test_a_distribution_of_impossible_cameras_is_refused():
         ({"aspect": {}}, "aspect"),
         ({"aspect": {"4x3": 1}}, "4x3"),
         ({"aspect": {"4:0": 1}}, "4:0"),
-        ({"focal": {"kind": "uniform", "low": 2, "high": 1}}, "sampling.focal: low=2"),
-        ({"roll": 0.3}, "sampling.roll=0.3"),
-        ({"k1": []}, "sampling.k1"),
+        ({"focal": {"kind": "uniform", "low": 2, "high": 1}}, "^focal=.*: low=2"),
+        ({"roll": 0.3}, "^roll=0.3"),
+        ({"k1": []}, "^k1"),
     ],
 )
 def test_keys_without_meaning_are_named(changes, told):

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from sextant.data.calibration.variates import Mixture, chosen
 from sextant.data.counters import uniforms
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.geometry import (
     CameraParameters,
     K2Family,
@@ -106,26 +106,28 @@ class CameraDistribution:
         kinds = {"tilt_as": TiltQuantity, "roll_as": RollQuantity, "focal_as": FocalQuantity, "k1_as": BendQuantity}
         for key, kind in kinds.items():
             if getattr(self, key) not in get_args(kind):
-                raise UserError(f"sampling.{key}={getattr(self, key)!r} must be one of {', '.join(get_args(kind))}")
+                raise ArgumentError(f"{key}={getattr(self, key)!r} must be one of {', '.join(get_args(kind))}")
         if self.k2_of_k1 not in ("lopez", "zero"):
-            raise UserError(f"sampling.k2_of_k1={self.k2_of_k1!r} must be lopez or zero")
+            raise ArgumentError(f"k2_of_k1={self.k2_of_k1!r} must be lopez or zero")
         if not 0 <= self.portrait <= 1:
-            raise UserError(f"sampling.portrait={self.portrait:g} must be a share from 0 to 1")
+            raise ArgumentError(f"portrait={self.portrait:g} must be a share from 0 to 1")
         if self.frame_height_mm <= 0:
-            raise UserError(f"sampling.frame_height_mm={self.frame_height_mm:g} must be above 0")
+            raise ArgumentError(f"frame_height_mm={self.frame_height_mm:g} must be above 0")
         weights = list(self.aspect.values())
         if not weights or min(weights) < 0 or sum(weights) <= 0:
-            raise UserError("sampling.aspect needs a weight above 0", 'For example aspect: {"4:3": 0.7, "3:2": 0.3}')
+            raise ArgumentError(
+                f"aspect={dict(self.aspect)} needs a weight above 0", 'For example aspect: {"4:3": 0.7, "3:2": 0.3}'
+            )
         mixtures = {}
         for key in ("tilt", "roll", "focal", "k1"):
             try:
                 mixtures[key] = Mixture.of(getattr(self, key))
             except UserError as error:
-                raise UserError(f"sampling.{key}: {error.problem}", error.fix) from None
+                raise ArgumentError(f"{key}={getattr(self, key)!r}: {error.problem}", error.fix) from None
             except (TypeError, ValueError, AttributeError):
-                raise UserError(
-                    f"sampling.{key}={getattr(self, key)!r} is not a distribution",
-                    f"For example {key}: {{kind: uniform, low: 0.1, high: 0.9}}",
+                raise ArgumentError(
+                    f"{key}={getattr(self, key)!r} is not a distribution",
+                    "It is a mapping such as {kind: uniform, low: 0.1, high: 0.9}, or a list of such with a weight each.",
                 ) from None
         object.__setattr__(self, "_mixtures", mixtures)
         object.__setattr__(self, "_landscape", np.array([_ratio(name) for name in self.aspect]))
@@ -157,7 +159,7 @@ class CameraDistribution:
             if not len(left):
                 return CameraDraw(CameraParameters(*drawn[:4]), drawn[4], drawn[5])
         raise UserError(
-            f"sampling: of {ATTEMPTS} cameras drawn in a row, none has its corners and its horizon inside the fold of "
+            f"of {ATTEMPTS} cameras drawn in a row from the distribution {self.name}, none has its corners and its horizon inside the fold of "
             "the distortion and looks less than 85 degrees up or down",
             "Choose a longer focal, a k1 nearer to 0, or k2_of_k1=lopez.",
         )
@@ -209,4 +211,4 @@ def _ratio(name: str) -> float:
             return width / height
     except ValueError:
         pass
-    raise UserError(f'sampling.aspect: {name!r} is not an image shape such as "4:3"')
+    raise ArgumentError(f'aspect={name!r} is not the shape of an image, such as "4:3"')
