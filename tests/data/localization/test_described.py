@@ -92,14 +92,25 @@ def test_nothing_is_kept_of_what_failed(drives, tmp_path, monkeypatch):
 
 
 def test_a_full_disk_is_told_and_leaves_nothing(drives, tmp_path, monkeypatch):
-    def full(path, *arguments):
-        path.write_bytes(b"a part of it")
+    def full(file, *arguments):
+        file.write(b"a part of it")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(np.lib.format, "open_memmap", full)
-    with pytest.raises(UserError, match=r"descriptors cannot be stored there: .*No space left[\s\S]*paths\.cache="):
+    monkeypatch.setattr(np.lib.format, "write_array_header_1_0", full)
+    with pytest.raises(UserError, match=r"descriptors cannot be kept there: .*No space left[\s\S]*paths\.cache="):
         drives(Means()).of(circle(25, name="run"))
     assert list((tmp_path / "cache").iterdir()) == []
+
+
+def test_altered_descriptors_are_worked_out_again(drives, tmp_path):
+    whole = np.array(drives(Means()).of(circle(25, name="run")))
+    (path,) = (tmp_path / "cache").glob("*.npy")
+    content = bytearray(path.read_bytes())
+    content[-2] ^= 1
+    path.write_bytes(content)
+    again = Means()
+    np.testing.assert_array_equal(drives(again).of(circle(25, name="run")), whole)
+    assert again.seen == 25
 
 
 def test_a_drive_without_images_is_named(drives):

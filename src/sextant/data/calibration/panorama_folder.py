@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from sextant.atomic_files import write_atomically
 from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import UserError
+from sextant.kept_array import keep_array, open_kept
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
 #: changes when the same files would be decoded into other pixels
@@ -142,12 +142,13 @@ class PanoramaFolder:
             return Panoramas(self._decoded(paths, split), names)
         folder = self.cache / f"{self.name}-{self._digest(split)[:16]}"
         kept = folder / f"{split}.npy"
-        if not _is_array(kept, shape):
+        if (images := open_kept(kept, shape, np.uint8)) is None:
             images = self._decoded(paths, split)
             with reporting_disk_errors(folder, lambda: images.nbytes):
-                folder.mkdir(parents=True, exist_ok=True)
-                write_atomically(kept, lambda file: np.lib.format.write_array(file, images, allow_pickle=False))
-        return Panoramas(np.load(kept, mmap_mode="r", allow_pickle=False), names)
+                keep_array(kept, lambda file: np.lib.format.write_array(file, images, allow_pickle=False))
+            images = open_kept(kept, shape, np.uint8)
+            assert images is not None
+        return Panoramas(images, names)
 
     def _digest(self, split: Split) -> str:
         files = [[path.relative_to(self.folder).as_posix(), file_sha256(path)] for path in self.files(split)]
@@ -202,11 +203,3 @@ def split_scenes(sizes: Mapping[str, int], fractions: Mapping[Split, float], see
 def _images(folder: Path) -> Iterator[Path]:
     found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
-
-
-def _is_array(path: Path, shape: tuple[int, ...]) -> bool:
-    """Whether a file holds a whole array of bytes of this shape."""
-    try:
-        return bool(np.load(path, mmap_mode="r", allow_pickle=False).shape == shape)
-    except (OSError, ValueError):
-        return False

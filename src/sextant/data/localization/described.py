@@ -7,19 +7,21 @@ or not at all, and mapped into memory.
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import BinaryIO, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
+from numpy.lib import format as npy
 
 from sextant.data.localization.drive import Drive
 from sextant.data.places.image_rows import ImageRows
 from sextant.errors import UserError
+from sextant.kept_array import keep_array, open_kept
 
 #: images read and described at a time: 64x96 pixels in colour are 18 MB
 BATCH = 1024
@@ -71,10 +73,13 @@ class DescribedDrives:
         """
         if drive.images is None:
             raise UserError(f"the drive {drive.name} has no images", "descriptor=file gives descriptors of your own.")
-        path = self.cache / f"descriptors-{self._key(drive)}.npy"
-        if not path.is_file():
+        path, shape = self.cache / f"descriptors-{self._key(drive)}.npy", (len(drive.images), None)
+        found = open_kept(path, shape, np.float32)
+        if found is None:
             self._write(drive, path)
-        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+            found = open_kept(path, shape, np.float32)
+            assert found is not None
+        return np.asarray(found)
 
     def _key(self, drive: Drive) -> str:
         assert drive.images is not None
@@ -91,30 +96,23 @@ class DescribedDrives:
         if not self._fitted:
             self.describer.fit(self._map.images)
             self._fitted = True
-        partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
             with self.show(f"describing {drive.name}") if self.show else nullcontext(_silent) as progress:
-                self._describe(drive.images, partial, progress)
-            partial.replace(path)
+                keep_array(path, partial(self._describe, drive.images, progress))
         except OSError as error:
             raise UserError(
                 f"{path.parent}: descriptors cannot be stored there: {error}", "paths.cache=<folder>"
             ) from None
-        finally:
-            with suppress(OSError):  # the cache may be no folder at all
-                partial.unlink(missing_ok=True)
 
-    def _describe(self, images: ImageRows, path: Path, progress: Progress) -> None:
-        rows: np.memmap | None = None
+    def _describe(self, images: ImageRows, progress: Progress, file: BinaryIO) -> None:
         for start in range(0, len(images), BATCH):
-            found = self.describer.describe(images[start : start + BATCH])
-            if rows is None:
-                rows = np.lib.format.open_memmap(path, "w+", np.float32, (len(images), found.shape[1]))
-            rows[start : start + len(found)] = found
+            found = np.ascontiguousarray(self.describer.describe(images[start : start + BATCH]), np.float32)
+            if start == 0:
+                npy.write_array_header_1_0(
+                    file, {"descr": "<f4", "fortran_order": False, "shape": (len(images), found.shape[1])}
+                )
+            file.write(found.data)
             progress(start + len(found), len(images))
-        if rows is not None:
-            rows.flush()
 
 
 def _silent(done: int, total: int) -> None:

@@ -16,7 +16,7 @@ from jaxtyping import Int64, UInt8
 from numpy import ndarray
 from numpy.lib import format as npy
 
-from sextant.atomic_files import read_json, write_atomically, write_json
+from sextant.atomic_files import read_json, write_json
 from sextant.data.places.image_files import UnreadableImageError, decode_image
 from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.problem_list import problem_list
@@ -24,6 +24,7 @@ from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import file_sha256
 from sextant.errors import UserError
+from sextant.kept_array import keep_array, open_kept
 
 #: changes when the same files would be decoded into other pixels
 DECODER = 1
@@ -97,13 +98,15 @@ def _kept(paths: Sequence[Path], size: ImageSize, cache: Path, what: str) -> tup
     kept, listed = folder / "images.npy", folder / "bad.json"
     shape = (len(paths), size.height, size.width, size.channels)
     bad = read_json(listed)
-    if not isinstance(bad, dict) or not _is_array(kept, shape):
+    images = open_kept(kept, shape, np.uint8)
+    if not isinstance(bad, dict) or images is None:
         found: dict[int, str] = {}
         with reporting_disk_errors(folder, lambda: int(np.prod(shape))):
-            write_atomically(kept, _writing(paths, size, what, found))
+            keep_array(kept, _writing(paths, size, what, found))
             write_json(listed, found)
-        bad = found
-    return np.load(kept, mmap_mode="r", allow_pickle=False), {int(i): str(reason) for i, reason in bad.items()}
+        bad, images = found, open_kept(kept, shape, np.uint8)
+        assert images is not None
+    return images, {int(i): str(reason) for i, reason in bad.items()}
 
 
 def _writing(paths: Sequence[Path], size: ImageSize, what: str, bad: dict[int, str]) -> Callable[[BinaryIO], None]:
@@ -137,12 +140,3 @@ def _decoded_chunks(
         for start in range(0, len(paths), CHUNK):
             yield start, np.stack(list(pool.map(decode, range(start, min(start + CHUNK, len(paths))))))
             notify(min(start + CHUNK, len(paths)), len(paths))
-
-
-def _is_array(path: Path, shape: tuple[int, ...]) -> bool:
-    """Whether a file holds a whole array of bytes of this shape."""
-    try:
-        kept = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError):
-        return False
-    return bool(kept.shape == shape and kept.dtype == np.uint8)

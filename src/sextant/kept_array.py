@@ -1,0 +1,51 @@
+"""Arrays in the cache: written whole or not at all, with their hash in a file next to them, and made again if altered."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy import ndarray
+
+from sextant.array_folder import file_sha256
+from sextant.atomic_files import write_atomically
+
+
+def open_kept(path: Path, shape: tuple[int | None, ...], dtype: type[np.generic]) -> ndarray | None:
+    """A kept array, mapped into memory.
+
+    Args:
+        path: of the ``.npy`` file.
+        shape: that the array must have; None stands for any length.
+        dtype: that the array must have.
+
+    Returns:
+        None if there is no such file, or it is not as it was written. Files written before there were hashes are
+        believed if they are whole.
+    """
+    try:
+        found = np.load(path, mmap_mode="r", allow_pickle=False)
+        if not isinstance(found, ndarray) or found.dtype != dtype or found.ndim != len(shape):
+            return None
+        if any(want is not None and want != have for want, have in zip(shape, found.shape, strict=True)):
+            return None
+        seal = _seal(path)
+        return found if not seal.is_file() or seal.read_text().strip() == file_sha256(path) else None
+    except (OSError, ValueError, EOFError):
+        return None
+
+
+def keep_array(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Let ``write`` write an array in the ``.npy`` format, and keep it with its hash.
+
+    Raises:
+        OSError: the disk is full or not writable; there is no half file.
+    """
+    _seal(path).unlink(missing_ok=True)  # a kill in between leaves a whole file without hash
+    write_atomically(path, write)
+    digest = file_sha256(path)
+    write_atomically(_seal(path), lambda file: file.write(f"{digest}\n".encode()))
+
+
+def _seal(path: Path) -> Path:
+    return path.with_name(f"{path.name}.sha256")
