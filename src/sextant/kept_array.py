@@ -1,4 +1,4 @@
-"""Arrays in the cache: written whole or not at all, with their hash in a file next to them, and made again if altered."""
+"""Arrays in the cache: written whole or not at all, with their hash in a file of its own, and not opened if altered."""
 
 from collections.abc import Callable
 from pathlib import Path

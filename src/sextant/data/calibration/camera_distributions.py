@@ -127,7 +127,7 @@ class CameraDistribution:
             except (TypeError, ValueError, AttributeError):
                 raise ArgumentError(
                     f"{key}={getattr(self, key)!r} is not a distribution",
-                    "It is a mapping such as {kind: uniform, low: 0.1, high: 0.9}, or a list of such with a weight each.",
+                    "It is a mapping such as {kind: uniform, low: 0.1, high: 0.9}, or a list of them, with weights.",
                 ) from None
         object.__setattr__(self, "_mixtures", mixtures)
         object.__setattr__(self, "_landscape", np.array([_ratio(name) for name in self.aspect]))
@@ -159,8 +159,8 @@ class CameraDistribution:
             if not len(left):
                 return CameraDraw(CameraParameters(*drawn[:4]), drawn[4], drawn[5])
         raise UserError(
-            f"of {ATTEMPTS} cameras drawn in a row from the distribution {self.name}, none has its corners and its horizon inside the fold of "
-            "the distortion and looks less than 85 degrees up or down",
+            f"of {ATTEMPTS} cameras drawn in a row from the distribution {self.name}, none has its corners and "
+            "its horizon inside the fold of the distortion and looks less than 85 degrees up or down",
             "Choose a longer focal, a k1 nearer to 0, or k2_of_k1=lopez.",
         )
 
