@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from benchmarks.push_pull_timing import forward_pass, training_step, turns
+from benchmarks.push_pull_timing import forward_pass, settle_allocator, training_step, turns
 from sextant.layers import PushPullAvgConv2d, PushPullAvgInhibition, PushPullConv2d, PushPullInhibition
 from sextant.models.resnet_cifar import ResNetCifar
 
@@ -104,6 +104,7 @@ def inverted(case: Case) -> list[Row]:
 def network(mode: str) -> list[Row]:
     torch.set_num_threads(1)
     torch.manual_seed(0)
+    settle_allocator()
     nets = {
         "without": ResNetCifar(3, (32, 32), 10),
         "push-pull": PushPullInhibition()(ResNetCifar(3, (32, 32), 10)),
@@ -123,6 +124,7 @@ def network(mode: str) -> list[Row]:
 def convolution(case: Case) -> tuple[nn.Conv2d, Tensor]:
     torch.set_num_threads(1)
     torch.manual_seed(0)
+    settle_allocator()
     (in_channels, out_channels, kernel, stride, size), batch, _ = case
     images = torch.randn(batch, in_channels, size, size)
     images.requires_grad_(in_channels > 3)  # a first layer sends no gradient on

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from benchmarks.machine import describe_machine
-from benchmarks.push_pull_timing import fastest, forward_pass, training_step
+from benchmarks.push_pull_timing import fastest, forward_pass, settle_allocator, training_step
 from sextant.layers import PushPullConv2d, pull_kernel_size
 from sextant.layers.implementation import TABLE
 
@@ -89,6 +89,7 @@ def milliseconds(seconds: dict[str, float]) -> dict[str, float]:
 def main() -> None:
     torch.set_num_threads(1)
     torch.manual_seed(0)
+    settle_allocator()
     rows = [json.dumps(measure(*shape)) for shape in SHAPES]
     measured = {
         "command": "python -m benchmarks.push_pull_table",

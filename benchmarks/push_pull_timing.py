@@ -1,10 +1,14 @@
 """Time several ways to do the same in turn, so that what else the machine does falls on all of them."""
 
+import ctypes
+import sys
 import time
 from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor, nn
+
+TRIM_THRESHOLD, MMAP_MAX = -1, -4  # of mallopt
 
 
 def fastest(tasks: Mapping[str, Callable[[], object]], repeats: int = 9, *, warm: bool = True) -> dict[str, float]:
@@ -32,6 +36,18 @@ def turns(tasks: Mapping[str, Callable[[], object]], repeats: int, least: float 
             times = fastest({name: task}, repeats=max(1, round(least / once[name])), warm=False)
             seconds[name].append(times[name])
     return seconds
+
+
+def settle_allocator() -> None:
+    """Let glibc keep freed memory and use it again, so that a layer's time does not hang on what was allocated before.
+
+    By default it returns large blocks to the system, after some layers and not after others; to get them anew can cost
+    more than the layer itself.
+    """
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None)
+        libc.mallopt(TRIM_THRESHOLD, 2**31 - 1)
+        libc.mallopt(MMAP_MAX, 0)
 
 
 def forward_pass(layer: Callable[[Tensor], Tensor], images: Tensor) -> Callable[[], object]:

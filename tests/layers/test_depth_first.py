@@ -1,4 +1,4 @@
-"""Layers by parts of the batch: the same responses, and only where no gradient is asked for."""
+"""Layers by parts of the batch: the same responses and gradients; parts are larger where gradients are asked for."""
 
 import pytest
 import torch
@@ -38,8 +38,14 @@ def test_each_part_makes_as_much_of_the_output_as_a_tile_holds(tile, most, monke
         assert max(parts(IMAGES)) == most
 
 
-def test_the_whole_batch_is_taken_for_gradients_large_kernels_and_other_layouts():
+def test_parts_are_larger_where_gradients_are_asked_for(monkeypatch):
     assert parts(IMAGES) == [7]
+    monkeypatch.setattr(depth_first, "TRAINING_TILE", 3 * 72)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 1)
+    assert parts(IMAGES) == [3, 3, 1]
+
+
+def test_the_whole_batch_is_taken_for_large_kernels_and_other_layouts():
     with torch.no_grad():
         assert parts(IMAGES, torch.ones(3, FEW_TAPS + 1, 1, 1)) == [7]
         assert parts(IMAGES.to(memory_format=torch.channels_last)) == [7]
@@ -54,3 +60,14 @@ def test_responses_by_parts_are_those_of_the_batch(case, layer_type, one_each):
     with torch.no_grad():
         by_parts = layer(images)
     torch.testing.assert_close(by_parts, layer(images), rtol=0, atol=1e-12)
+
+
+@given(convolutions(), st.sampled_from([PushPullConv2d, PushPullAvgConv2d]))
+def test_gradients_by_parts_are_those_of_the_batch(case, layer_type):
+    conv, images = case
+    layer = layer_type.from_conv(conv, alpha=0.5)
+    gradients = []
+    for tile in (1, 2**24):
+        depth_first.TRAINING_TILE = tile
+        gradients.append(torch.autograd.grad(layer(images).square().sum(), [*layer.parameters()]))
+    torch.testing.assert_close(*gradients, rtol=1e-9, atol=1e-9)

@@ -1,4 +1,8 @@
-"""A layer's steps carried out for a few images at a time, so that what lies between them stays in the cache."""
+"""A layer's steps carried out for a few images at a time, so that what lies between them stays in the cache.
+
+In training, where the steps keep their results for the backward pass, larger parts are enough: what is gained is that
+memory is used again instead of being asked for anew.
+"""
 
 from collections.abc import Callable
 from itertools import chain
@@ -7,6 +11,7 @@ import torch
 from torch import Tensor
 
 TILE = 2**20  # bytes of the output that each thread makes at a time
+TRAINING_TILE = 2**24
 FEW_TAPS = 256  # of a kernel: with more, products take the time, and weights would be read again for each tile
 
 
@@ -21,7 +26,7 @@ def overwriting() -> bool:
 
 
 def depth_first(respond: Callable[[Tensor], Tensor], x: Tensor, weight: Tensor, stride: tuple[int, int]) -> Tensor:
-    """``respond(x)``, by parts of the batch where no gradient is asked for and that is faster.
+    """``respond(x)``, by parts of the batch where that is faster.
 
     A layer of few taps spends its time in passes over outputs that are larger than the cache, and in getting memory
     for them. Each image's response must depend on that image alone.
@@ -29,14 +34,17 @@ def depth_first(respond: Callable[[Tensor], Tensor], x: Tensor, weight: Tensor, 
     Args:
         respond: the layer; its output has the channels of ``weight``, and a response every ``stride`` pixels.
     """
-    if not overwriting() or weight[0].numel() > FEW_TAPS:
+    if traced() or weight[0].numel() > FEW_TAPS:
         return respond(x)
     if not (x.ndim == 4 and x.is_cpu and x.is_contiguous()):
         return respond(x)
     image = len(weight) * x.shape[-2] * x.shape[-1] * x.element_size() / (stride[0] * stride[1])
-    parts = x.split(max(1, int(TILE / image)) * torch.get_num_threads())
+    tile = TILE if overwriting() else TRAINING_TILE
+    parts = x.split(max(1, int(tile / image)) * torch.get_num_threads())
     if len(parts) < 2:
         return respond(x)
+    if not overwriting():
+        return torch.cat([respond(part) for part in parts])
     first = respond(parts[0])
     whole = first.new_empty(len(x), *first.shape[1:])
     responses = chain([first], map(respond, parts[1:]))
