@@ -142,10 +142,11 @@ class PanoramaFolder:
             return Panoramas(self._decoded(paths, split), names)
         folder = self.cache / f"{self.name}-{self._digest(split)[:16]}"
         kept = folder / f"{split}.npy"
-        if (images := open_kept(kept, shape, np.uint8)) is None:
-            images = self._decoded(paths, split)
-            with reporting_disk_errors(folder, lambda: images.nbytes):
-                keep_array(kept, lambda file: np.lib.format.write_array(file, images, allow_pickle=False))
+        images = open_kept(kept, shape, np.uint8)
+        if images is None:
+            decoded = self._decoded(paths, split)
+            with reporting_disk_errors(folder, lambda: decoded.nbytes):
+                keep_array(kept, lambda file: np.lib.format.write_array(file, decoded, allow_pickle=False))
             images = open_kept(kept, shape, np.uint8)
             assert images is not None
         return Panoramas(images, names)
