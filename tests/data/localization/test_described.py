@@ -97,7 +97,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(drives, tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(np.lib.format, "write_array_header_1_0", full)
-    with pytest.raises(UserError, match=r"descriptors cannot be kept there: .*No space left[\s\S]*paths\.cache="):
+    with pytest.raises(UserError, match=r"descriptors cannot be stored there: .*No space left[\s\S]*paths\.cache="):
         drives(Means()).of(circle(25, name="run"))
     assert list((tmp_path / "cache").iterdir()) == []
 
