@@ -9,7 +9,7 @@ import torch
 import yaml
 from support import quick_config
 
-from sextant.cli.compose import compose, to_plain
+from sextant.composing.compose import compose, to_plain
 from sextant.errors import UserError
 from sextant.lifecycle import execute as life
 from sextant.lifecycle.execute import execute, execute_cell
