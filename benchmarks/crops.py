@@ -108,12 +108,12 @@ def run() -> list[tuple[str, str, str, str, str]]:
     even = CameraDraw(near, square.yaw, square.aspect)
     side = int(Sampling.of(Rays.of(even, "lopez"), np.full(COUNT, ROWS), 224, 224).side[0])
     works = {"ours": lambda: crop_batch(held, which, even, 224, 224)} | _ready(panorama, even, 224, 224, side)
-    rows += _against(f"crops 224x224, {side} x {side} rays a pixel", _rates(works), ">= 0.5")
+    rows += _against(f"crops 224x224, {side} x {side} rays per pixel", _rates(works), ">= 0.5")
     far = even.cameras._replace(focal=torch.full_like(near.focal, 0.5))
     wide = CameraDraw(far, square.yaw, torch.full_like(square.aspect, 4 / 3))
     side = int(Sampling.of(Rays.of(wide, "lopez"), np.full(COUNT, ROWS), 96, 72).side[0])
     works = {"ours": lambda: crop_batch(held, which, wide, 96, 72)} | _ready(panorama, wide, 96, 72, side)
-    rows += _against(f"crops 96x72, {side} x {side} rays a pixel", _rates(works), ">= 0.5")
+    rows += _against(f"crops 96x72, {side} x {side} rays per pixel", _rates(works), ">= 0.5")
 
     theirs = _py360convert(panorama, straight, 224)
     if theirs is None:
@@ -122,7 +122,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
         ours = _rates({"ours": lambda: crop_batch(held, which, straight, 224, 224, antialias=False)})["ours"]
         other = _rates({"theirs": theirs}, 3)["theirs"]
         rows.append((
-            "crops 224x224 without distortion", f"{ours:,.0f} a second", f"py360convert {other:,.0f}",
+            "crops 224x224 without distortion", f"{ours:,.0f} per second", f"py360convert {other:,.0f}",
             f"{ours / other:.1f}", ">= 4",
         ))  # fmt: skip
 
@@ -133,7 +133,7 @@ def run() -> list[tuple[str, str, str, str, str]]:
         return crop_batch(held, which, draw, 96, 72)
 
     rate = _rates({"ours": end_to_end})["ours"]
-    rows.append(("crops 96x72 antialiased, cameras drawn", f"{rate:,.0f} a second", "", "", ">= 2,000"))
+    rows.append(("crops 96x72 antialiased, cameras drawn", f"{rate:,.0f} per second", "", "", ">= 2,000"))
     return rows
 
 
@@ -143,7 +143,7 @@ def _against(what: str, rates: dict[str, float], aim: str) -> list[tuple[str, st
     return [
         (
             what,
-            f"{rates['ours']:,.0f} a second",
+            f"{rates['ours']:,.0f} per second",
             f"{names[key]}: {rates[key]:,.0f}",
             f"{rates['ours'] / rates[key]:.2f}",
             aim,

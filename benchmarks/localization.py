@@ -193,7 +193,7 @@ def _linear(seconds: dict[str, float]) -> Row:
     times = np.array([seconds[f"means {number}"] for number in PARTICLES])
     slope, level = np.polyfit(particles, times, 1)
     left = np.square(times - (slope * particles + level)).sum() / np.square(times - times.mean()).sum()
-    told = f"{1e3 * level:.2f} ms + {1e6 * slope:.2f} us a particle"
+    told = f"{1e3 * level:.2f} ms + {1e6 * slope:.2f} us per particle"
     return f"line through {len(PARTICLES)} sizes, 1,000 to 10,000", told, "", f"R^2 {1 - left:.4f}", "> 0.98"
 
 

@@ -113,7 +113,7 @@ def localize(folder: Path, images: int) -> dict[str, float]:
     return {
         "error m, median": float(np.median(errors)),
         "error m, greatest after 10 steps": float(np.max(errors[10:])),
-        "ms a step, median": 1e3 * float(np.median(seconds)),
+        "ms per step, median": 1e3 * float(np.median(seconds)),
         "tiles read": float(len(tiles)),
         "of": float(len(evidence.unread)),
         "anonymous MB, opened": opened["anonymous"] - before["anonymous"],

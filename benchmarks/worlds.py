@@ -54,8 +54,8 @@ def run() -> list[tuple[str, str, str, str, str]]:
 
                 rate = THREADS * views / _seconds(together, 3)
             rows.append((
-                f"{name}, {samples} ray{'s' * (samples > 1)} a pixel, {len(renderer.scene):,} triangles",
-                f"{1e3 * whole:.2f} ms, {rate:,.1f} a second on {THREADS} threads",
+                f"{name}, {samples} ray{'s' * (samples > 1)} per pixel, {len(renderer.scene):,} triangles",
+                f"{1e3 * whole:.2f} ms, {rate:,.1f} fps on {THREADS} threads",
                 f"bare Embree cast {1e3 * bare:.2f} ms",
                 f"{whole / bare:.2f}",
                 "<= 6",
