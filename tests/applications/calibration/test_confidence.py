@@ -93,4 +93,4 @@ def test_a_focal_length_by_exif_that_disagrees_is_told_though_not_used(tmp_path)
     (row,) = calibrate([agrees], tmp_path / "out")
     assert row["exif_focal_px"] == pytest.approx(24 * 100 / math.hypot(36, 24))
     assert row["focal_px"] == pytest.approx(42, rel=1e-5)
-    assert "EXIF tells a focal length of 55 px, outside the 95 % interval" in row["confidence"]["reasons"]
+    assert "EXIF gives a focal length of 55 px, outside the 95 % interval" in row["confidence"]["reasons"]

@@ -38,4 +38,4 @@ def test_exif_as_a_prior(tmp_path):
     rows = calibrate([told, silent], tmp_path / "out", focal_prior="exif")
     assert 42.1 < rows[0]["focal_px"] < rows[0]["exif_focal_px"] == pytest.approx(46.2, abs=0.1)
     assert rows[1]["focal_px"] == pytest.approx(42, abs=0.1)
-    assert "EXIF tells no focal length: none was used" in rows[1]["confidence"]["reasons"]
+    assert "EXIF contains no focal length: none was used" in rows[1]["confidence"]["reasons"]

@@ -73,7 +73,7 @@ class PhotoCalibrator:
 
         Args:
             photo: a file, or RGB bytes.
-            focal_prior: a focal length in pixels that is known beforehand; ``exif`` for what the file tells.
+            focal_prior: a focal length in pixels that is known beforehand; ``exif`` for the one in the file.
 
         Raises:
             UserError: the photo cannot be read, or what the network predicts is no camera.

@@ -24,7 +24,7 @@ def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple
     """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the cameras trained on.
 
     The verdict is the worst of the widths, the finding's doubts, and of the range: an interval as wide as the spread of
-    the cameras trained on tells no more than that training knew.
+    the cameras trained on says no more than was known before training.
     """
     spread, half = network.spec.spread, finding.half["68"]
     ratios = half / np.asarray(spread)
@@ -55,8 +55,8 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     doubts = []
     position = network.position(_stacked(finding.camera))[0].tolist()
     if at := [name for name, p in zip(NUMBERS, position, strict=True) if not EDGE <= p <= 1 - EDGE]:
-        told = ", ".join(at)
-        doubts.append((1, f"at the end of what the network was trained on: {told}; the truth may lie beyond"))
+        names = ", ".join(at)
+        doubts.append((1, f"at the end of what the network was trained on: {names}; the truth may lie beyond"))
     ends = network.position(_interval_ends(finding)).double()
     reached = [
         name
@@ -64,8 +64,8 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
         if NUMBERS[i] not in at and not all(ENDS <= float(ends[k, i]) <= 1 - ENDS for k in (2 * i, 2 * i + 1))
     ]
     if reached:
-        told = ", ".join(reached)
-        doubts.append((1, f"the 95 % interval reaches beyond what the network was trained on: {told}"))
+        names = ", ".join(reached)
+        doubts.append((1, f"the 95 % interval reaches beyond what the network was trained on: {names}"))
     return doubts
 
 

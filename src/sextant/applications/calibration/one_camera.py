@@ -100,7 +100,7 @@ def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: Focal
     if priors:
         means = np.array([prior.mean for prior in priors])
         if np.ptp(means) > 2 * priors[0].sigma:
-            doubts.append("EXIF tells focal lengths that differ: a zoom lens is another camera at each setting")
+            doubts.append("EXIF gives focal lengths that differ: a zoom lens is another camera at each setting")
         fusion = with_prior(fusion, 0, Prior(float(np.median(means)), priors[0].sigma))
         doubts += disagreement(fusion.prior_z, focal_prior)
     return fusion, doubts

@@ -93,8 +93,8 @@ class PhotoCamera:
 
     def opencv(self) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "5"]]:
         """Camera matrix and distortion coefficients (k1, k2, p1, p2, k3) of OpenCV."""
-        told = self.row()["opencv"]
-        return np.array(told["matrix"], np.float64), np.array(told["distortion"], np.float64)
+        row = self.row()["opencv"]
+        return np.array(row["matrix"], np.float64), np.array(row["distortion"], np.float64)
 
     def colmap(self) -> tuple[str, list[float]]:
         """Camera model of COLMAP and its parameters: f, cx, cy, k1, k2."""

@@ -10,7 +10,7 @@ from sextant.applications.calibration.fusing import adopt, estimate
 from sextant.errors import ArgumentError
 from sextant.evaluation.calibration.fusion import Prior, fuse, with_prior
 
-#: pixels of the photo, what EXIF tells, or nothing
+#: pixels of the photo, what EXIF says, or nothing
 FocalPrior = float | Literal["exif"] | None
 #: standard deviation of the log of a focal length. EXIF: whole millimetres (2 % at 26 mm), makers that compare widths
 #: and not diagonals (4 %), lens corrections that crop. Given by hand: as a person knows it.
@@ -49,11 +49,11 @@ def with_focal_prior(finding: Finding, focal_prior: FocalPrior) -> Finding:
     known = finding.photo.exif_focal_px
     if prior is None:
         if focal_prior == "exif":
-            return finding.doubted(0, "EXIF tells no focal length: none was used")
+            return finding.doubted(0, "EXIF contains no focal length: none was used")
         if known:
             low, high = finding.focal_interval("95")
             if not low <= known <= high:
-                return finding.doubted(1, f"EXIF tells a focal length of {known:.0f} px, outside the 95 % interval")
+                return finding.doubted(1, f"EXIF gives a focal length of {known:.0f} px, outside the 95 % interval")
         return finding
     values, sigmas = estimate(finding)
     if not np.isfinite(sigmas).all():

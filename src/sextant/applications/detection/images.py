@@ -103,5 +103,5 @@ def _small(path: Path) -> UInt8[ndarray, "h w 3"] | None:
             if min(image.size) >= SMALLEST_SIDE:
                 return None
             return np.asarray(rgb_bytes(upright(image), 1))
-    except Exception:  # the decoders raise almost anything, and read_photo told what is wrong
+    except Exception:  # the decoders raise almost anything, and read_photo has said what is wrong
         return None

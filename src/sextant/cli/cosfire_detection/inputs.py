@@ -48,7 +48,7 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
 
 
 def _upright_size(path: Path) -> tuple[int, int] | None:
-    """Width and height by the header; None if it cannot be read, which is told when the image is decoded."""
+    """Width and height by the header; None if it cannot be read, which is reported when the image is decoded."""
     try:
         with Image.open(path) as image:
             return upright_size(image)

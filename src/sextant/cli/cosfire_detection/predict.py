@@ -28,7 +28,7 @@ from sextant.figures.style import save_figure
 FILTER_PICTURE = "filter_overlay"
 #: of images in which a filter has no room
 SMALLER = "smaller than the filter"
-#: sizes that differ by more are told of
+#: sizes that differ by more are mentioned
 OTHER_SIZE = 1.25
 
 
@@ -54,8 +54,8 @@ def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None 
     detector.threshold = options.threshold or detector.threshold
     (example,) = detector.examples
     with telling_write_errors(output):
-        pixels, told = example.image.tensor(detector.channels), f"{inputs.prototype.name}: {example.parts} parts"
-        save_figure(cosfire_filter(detector.filters, pixels, example.point, title=told), output, FILTER_PICTURE)
+        pixels, title = example.image.tensor(detector.channels), f"{inputs.prototype.name}: {example.parts} parts"
+        save_figure(cosfire_filter(detector.filters, pixels, example.point, title=title), output, FILTER_PICTURE)
     rows: list[dict[str, Any]] = []
     scales: list[float] = []
     with work_progress("detecting", "images") as progress:
@@ -129,15 +129,15 @@ def _remarks(
     shrunk: Sequence[float],
     inputs: DetectionInputs,
 ) -> list[str]:
-    told = ["a score of 1 is what the filter answers to its own prototype"]
+    remarks = ["a score of 1 is what the filter answers to its own prototype"]
     if "run" not in facts:
-        told[0] += "; it falls with contrast"  # responses of kernels are proportional to it, cosines are not
+        remarks[0] += "; it falls with contrast"  # responses of kernels are proportional to it, cosines are not
     if small := sum(row.get("remark") == SMALLER for row in rows):
-        told.append(f"{small:,} images are smaller than the filter, and nothing was found in them")
+        remarks.append(f"{small:,} images are smaller than the filter, and nothing was found in them")
     other = sum(max(scale / prototype.scale, prototype.scale / scale) > OTHER_SIZE for scale in shrunk)
     if other:
-        told.append(
+        remarks.append(
             f"{other:,} images were shrunk to longest={inputs.options.longest} by another factor than the prototype, "
             "so that things in them are of other sizes: give longest= the largest side, or scales="
         )
-    return told
+    return remarks
