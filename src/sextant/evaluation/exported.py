@@ -29,7 +29,7 @@ from sextant.evaluation.localization.trajectory_error import ErrorStatistics, ab
 from sextant.evaluation.multiplicity import holm
 from sextant.evaluation.paired import PairedDifference, mean_interval, paired_difference
 from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM, LocalizationProtocol, classification_converged
-from sextant.evaluation.share_interval import share_interval, share_interval_of
+from sextant.evaluation.shares import share_interval, share_interval_of
 from sextant.evaluation.stratified import Sample, StratifiedDifference, stratified_difference
 
 __all__ = [
