@@ -9,7 +9,7 @@ from sextant.lifecycle.evaluation import FREE, evaluate_run
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = (
-    "python evaluate.py run=<MLflow run id, run directory, checkpoint or published .pth.tar> "
+    "sextant evaluate run=<MLflow run id, run directory, checkpoint or published .pth.tar> "
     "[dataset=..] [corruption=..] [key=value ..]"
 )
 

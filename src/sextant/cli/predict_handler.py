@@ -55,7 +55,7 @@ class Handler:
 
     task: ClassVar[str]
     usage: ClassVar[str] = (
-        "python predict.py run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> "
+        "sextant predict run=<MLflow run id, run directory or checkpoint> input=<image, folder or pattern> "
         "output=<folder>"
     )
     topic: ClassVar[str] = ""

@@ -13,7 +13,7 @@ from sextant.tracking.environment import quiet_libraries
 if TYPE_CHECKING:
     from sextant.reports.results import SweepResults
 
-USAGE = "python report.py sweep=<name, directory or MLflow parent run>"
+USAGE = "sextant report sweep=<name, directory or MLflow parent run>"
 KEYS = {
     "sweep": "the sweep",
     "outputs": "output folder, if not the default",

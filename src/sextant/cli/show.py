@@ -78,10 +78,10 @@ def show_result(outcome: Outcome) -> None:
     if timing["fit_s"]:
         recipe = recipe_of(directory.path.parent.name)  # runs/<task>/<run>
         console.print(
-            f"evaluate   python evaluate.py run={run} {recipe.evaluation_example}\n"
-            f"predict    python predict.py run={run} {recipe.prediction_example} output=<folder>\n"
-            f"sweep      python train.py -m {recipe.sweep_example}\n"
-            f"dashboard  make dashboard"
+            f"evaluate   sextant evaluate run={run} {recipe.evaluation_example}\n"
+            f"predict    sextant predict run={run} {recipe.prediction_example} output=<folder>\n"
+            f"sweep      sextant train -m {recipe.sweep_example}\n"
+            f"dashboard  sextant dashboard"
         )
 
 

@@ -27,6 +27,6 @@ def run_sweep(arguments: Sequence[str], launch: Launch) -> None:
     for cell in found.cells:
         if cell.message:
             console.print(f"[red]failed[/] {cell.setting} {cell.arm} seed {cell.seed}: {escape(cell.message)}")
-    console.print(f"report  python report.py sweep={found.directory.name}")
+    console.print(f"report  sextant report sweep={found.directory.name}")
     if found.count("failed"):
         raise SystemExit(1)

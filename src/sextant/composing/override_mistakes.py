@@ -17,7 +17,7 @@ from sextant.errors import UserError
 COMPOSING = (HydraException, OmegaConfBaseException, ValueError)  # the last for a group that is null
 #: keys of other commands, and what one may have wanted of them
 ELSEWHERE = {
-    "run": "python evaluate.py run={0} tests a trained model, python predict.py run={0} applies it; "
+    "run": "sextant evaluate run={0} tests a trained model, sextant predict run={0} applies it; "
     "init_from={0} starts training from its weights",
 }
 
@@ -32,7 +32,7 @@ def explain(error: Exception, overrides: Sequence[str], name: str) -> UserError:
     for override in parsed:
         if override.sweeps:
             return UserError(
-                f"{override.text} lists several values", f"A sweep needs -m: python train.py -m {' '.join(overrides)}"
+                f"{override.text} lists several values", f"A sweep needs -m: sextant train -m {' '.join(overrides)}"
             )
         key = override.key
         if key.split("/")[0] == "hydra" or key.startswith("hydra."):

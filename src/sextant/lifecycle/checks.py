@@ -35,7 +35,7 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
     """
     if any(override.startswith("sweep=") and override != "sweep=null" for override in overrides):
         name = next(override for override in overrides if override.startswith("sweep="))
-        raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: python train.py -m {' '.join(overrides)}")
+        raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: sextant train -m {' '.join(overrides)}")
     raw = to_plain(compose(overrides))
     require_environment(checked(raw), reporter)
     return raw

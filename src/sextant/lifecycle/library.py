@@ -76,7 +76,7 @@ def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunRep
 
     Args:
         run: an MLflow run id, a run directory, a checkpoint or a published ``.pth.tar``.
-        overrides: such as ``corruption=gaussian``; ``python evaluate.py --help`` lists what may change.
+        overrides: such as ``corruption=gaussian``; ``sextant evaluate --help`` lists what may change.
         reporter: listens.
 
     Raises:

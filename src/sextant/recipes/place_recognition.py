@@ -232,7 +232,7 @@ def _can_train_on(source: Source) -> None:
     if source.name == FACTORS:
         raise UserError(
             "dataset=town_factors is for tests: there is but one condition to train on, and no validation split",
-            "python evaluate.py run=<run> dataset=town_factors",
+            "sextant evaluate run=<run> dataset=town_factors",
         )
 
 

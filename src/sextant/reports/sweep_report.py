@@ -145,7 +145,7 @@ def _markdown(
     parts = [
         f"# {plan.name}\n",
         f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
-        f"`python train.py -m {shlex.join(plan.command)}`, then `python report.py sweep={results.directory.name}`\n",
+        f"`sextant train -m {shlex.join(plan.command)}`, then `sextant report sweep={results.directory.name}`\n",
         f"{len(results.cells)} runs planned: {counts}. {seeds} seeds a cell.{exploratory}\n",
         f"A run has *diverged* if {results.measure.diverged}; the rule looks "
         "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "

@@ -49,7 +49,7 @@ def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
             return _with_checkpoint(directory, f"{key}={reference}")
     trained = [d.path for d in all_runs(outputs) if _checkpoint(d).is_file()][-8:]
     names = ", ".join(f"{path.parent.name}/{path.name}" for path in trained)
-    known = f"Trained runs here: {names}" if names else "There are no trained runs here yet: python train.py makes one"
+    known = f"Trained runs here: {names}" if names else "There are no trained runs here yet: sextant train makes one"
     raise UserError(f"{key}={reference}: no run, run directory or checkpoint of that name. {known}")
 
 

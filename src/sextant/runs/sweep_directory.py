@@ -116,7 +116,7 @@ def find_sweep(reference: str, outputs: Path) -> Path:
     if (conf_dir() / "sweep" / f"{reference}.yaml").is_file():
         raise UserError(
             f"sweep={reference} has not run here: nothing of it lies in {outputs}",
-            f"Run it: python train.py -m sweep={reference}. If it ran into another folder: outputs=<folder>.",
+            f"Run it: sextant train -m sweep={reference}. If it ran into another folder: outputs=<folder>.",
         )
     names = ", ".join(dict.fromkeys(plan.name for _, plan in plans))
     known = f"Sweeps here: {names}" if names else "There are no sweeps here yet: make sweep-demo makes one"

@@ -95,7 +95,7 @@ def open_store(kind: Kind, uri: str | None, outputs: Path) -> Store:
         except (sqlite3.Error, MlflowException) as error:
             raise UserError(
                 f"{database} cannot be opened as a tracking store: {str(error).splitlines()[0]}",
-                "Move it away: it is a mirror, and `make dashboard` fills a new one from the run directories.",
+                "Move it away: it is a mirror, and `sextant dashboard` fills a new one from the run directories.",
             ) from None
     return Store(client, uri, artifacts)
 

@@ -37,6 +37,6 @@ def find_map(reference: Path | str, outputs: Path) -> Path | None:
         return folder
     raise UserError(
         f"run={reference}: the run kept no map in {folder}",
-        f"python evaluate.py run={reference} task.save_map=true writes one; then run=<the folder of that test>. "
+        f"sextant evaluate run={reference} task.save_map=true writes one; then run=<the folder of that test>. "
         "A laser's run has no map of images.",
     )

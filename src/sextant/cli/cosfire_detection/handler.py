@@ -14,7 +14,7 @@ class Detection(Handler):
 
     task = topic = named_by = "task=cosfire"
     usage = (
-        "python predict.py task=cosfire prototype=<image> point=<x,y> input=<image, folder or pattern> output=<folder>"
+        "sextant predict task=cosfire prototype=<image> point=<x,y> input=<image, folder or pattern> output=<folder>"
     )
     keys = KEYS
     needs = ("prototype", "input", "output")

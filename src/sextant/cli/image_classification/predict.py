@@ -46,7 +46,7 @@ def predict_classes(trained: Trained, paths: Sequence[Path], output: Path, given
         raise UserError(
             f"{trained.found.checkpoint} takes images of {spec.height}x{spec.width}; only square ones are cropped to "
             "fit",
-            "Images of a dataset: python evaluate.py run=<...> dataset=<...>",
+            "Images of a dataset: sextant evaluate run=<...> dataset=<...>",
         )
     number, answer = answering(trained)
     rows: list[dict[str, Any]] = [{"file": str(path)} for path in paths]

@@ -15,7 +15,7 @@ class PlaceMatching(Handler):
 
     task = "place_recognition"
     topic = "places"
-    usage = "python predict.py run=<...> map=<folder> queries=<folder> [output=matches]"
+    usage = "sextant predict run=<...> map=<folder> queries=<folder> [output=matches]"
     keys = INPUTS | KEYS
     needs = ("run", *INPUTS)
     shared = ("run", "output", "outputs", "trust")
