@@ -85,7 +85,7 @@ def test_a_photo_smaller_than_the_input_is_weak(tmp_path):
     model.predict = lambda images, aspect: Fake.predict(Fake(), images[:, :, :18, :24], aspect)
     (row,) = calibrate([photo(tmp_path / "a.png", (32, 32))], tmp_path / "out", model)
     assert row["confidence"]["verdict"] == "weak"
-    assert "32x32 pixels are fewer than the 40x36" in row["confidence"]["reasons"][0]
+    assert "of 32x32 pixels the network saw" in row["confidence"]["reasons"][0]
 
 
 def test_a_focal_length_by_exif_that_disagrees_is_told_though_not_used(tmp_path):

@@ -86,7 +86,8 @@ def _finding(
         doubts.append(f"the network saw only {view.share:.0%} of the photo: it has an unusual shape")
     if view.width < spec.width or view.height < spec.height:
         doubts.append(
-            f"{photo.width}x{photo.height} pixels are fewer than the {spec.width}x{spec.height} that the network takes"
+            f"of {photo.width}x{photo.height} pixels the network saw {view.width}x{view.height}, fewer than the "
+            f"{spec.width}x{spec.height} that it takes"
         )
     if strangeness > 1:
         doubts.append(
