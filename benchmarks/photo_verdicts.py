@@ -1,4 +1,4 @@
-"""How far the verdicts on real photos can be trusted: ``python -m benchmarks.photo_verdicts <run>``.
+"""How far the verdicts on real photos can be trusted: ``python -m benchmarks.photo_verdicts run=<run>``.
 
 Each source is a folder of ``SEXTANT_DATA`` with a table of its own name: ``file`` and the true focal length ``f_px``.
 """
@@ -10,7 +10,9 @@ from pathlib import Path
 
 from sextant import PhotoCalibrator
 from sextant.applications import PhotoCamera
+from sextant.cli.arguments import parse_arguments
 
+KEYS = {"run": "of calibration: its directory or checkpoint"}
 SOURCES = ("york_urban", "phone_gravity", "exif_focal")
 WRONG = 0.2  # relative error of the focal length
 DOUBTS_OF_RANGE = ("at the end of what", "the 95 % interval reaches", "it does not look like")
@@ -39,7 +41,8 @@ def row(source: str, data: Path, calibrator: PhotoCalibrator) -> dict[str, objec
 
 
 def main() -> None:
-    calibrator = PhotoCalibrator.load(sys.argv[1])
+    given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.photo_verdicts run=<run>")
+    calibrator = PhotoCalibrator.load(given["run"])
     rows = [row(source, Path(os.environ["SEXTANT_DATA"]), calibrator) for source in SOURCES]
     print("| " + " | ".join(rows[0]) + " |\n|" + "---|" * len(rows[0]))
     for each in rows:
