@@ -23,6 +23,16 @@ VERBS = {
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }
 
+#: extra of the package -> what it brings that a command may miss
+EXTRAS = {
+    "train": (
+        "rich", "hydra", "omegaconf", "hydra_plugins", "pytorch_lightning", "torchvision", "mlflow", "yaml",
+        "matplotlib", "statsmodels", "filelock", "psutil", "joblib",
+    ),
+    "worlds": ("embreex", "shapely", "networkx"),
+    "timm": ("timm",),
+}  # fmt: skip
+
 
 def main() -> None:
     """Entry point of the ``sextant`` command."""
@@ -37,16 +47,29 @@ def run(verb: str, arguments: list[str]) -> None:
     if verb in ("-h", "--help"):
         print(f"{USAGE}\n\n{_listed_verbs()}")
         return
-    from sextant.cli.console import reporting_mistakes
+    try:
+        from sextant.cli.console import reporting_mistakes
 
-    with reporting_mistakes():
-        if verb not in VERBS:
-            from sextant.config import nearest
+        with reporting_mistakes():
+            _run(verb, arguments)
+    except ModuleNotFoundError as missing:
+        package = (missing.name or "").partition(".")[0]
+        extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+        if extra is None:
+            raise
+        print(f"Error: sextant {verb} needs {package}, which is not installed", file=sys.stderr)
+        print(f"pip install 'sextant[{extra}]'", file=sys.stderr)
+        sys.exit(2)
 
-            near = nearest(verb, VERBS)
-            hint = f"Did you mean sextant {near}? " if near else ""
-            raise UserError(f"sextant {verb}: no such command", f"{hint}Commands:\n{_listed_verbs()}")
-        import_module(VERBS[verb][0]).main([word for argument in arguments for word in spelled_out(argument)])
+
+def _run(verb: str, arguments: list[str]) -> None:
+    if verb not in VERBS:
+        from sextant.config import nearest
+
+        near = nearest(verb, VERBS)
+        hint = f"Did you mean sextant {near}? " if near else ""
+        raise UserError(f"sextant {verb}: no such command", f"{hint}Commands:\n{_listed_verbs()}")
+    import_module(VERBS[verb][0]).main([word for argument in arguments for word in spelled_out(argument)])
 
 
 def _listed_verbs() -> str:
