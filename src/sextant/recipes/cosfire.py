@@ -131,6 +131,7 @@ class CosfireRecipe(Recipe):
     def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "CosfireRecognition":
         """The module, with its network or the feature map of another run's."""
         from sextant.tasks.cosfire.comparison import Comparison
+        from sextant.tasks.cosfire.estimator import CosfireEstimator
         from sextant.tasks.cosfire.filter_prototypes import PrototypeSettings
         from sextant.tasks.cosfire.fine_tuning import FineTuning
         from sextant.tasks.cosfire.module import CosfireRecognition
@@ -146,7 +147,7 @@ class CosfireRecipe(Recipe):
             )
             if config.inhibition is not None:
                 network = build(config.plain, "inhibition")(network)
-        return CosfireRecognition(
+        estimator = CosfireEstimator(
             partial(make_filters, config),
             images.classes,
             PrototypeSettings(task["filters_per_class"], task["at"], task["margin"], task["least_parts"]),
@@ -167,7 +168,9 @@ class CosfireRecipe(Recipe):
             describe=describing(config),
             seed=config.seed,
             show=partial(self.reporter.progress, unit="images"),
-            **(build_training(config, training=training) if network is not None else {}),
+        )
+        return CosfireRecognition(
+            estimator, **(build_training(config, training=training) if network is not None else {})
         )
 
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: ImageSource) -> None:
@@ -191,9 +194,9 @@ class CosfireRecipe(Recipe):
         from sextant.tasks.cosfire.report import method_table, recognition_figures
 
         assert module.result is not None
-        return TestRecord(
-            module.arrays(), recognition_figures(module, data), table=method_table(module.result), facts=module.facts()
-        )
+        estimator, result = module.estimator, module.result
+        figures = recognition_figures(estimator, result, data)
+        return TestRecord(result.arrays(), figures, table=method_table(result), facts=estimator.facts())
 
     def measured(
         self, arrays: Mapping[str, "ndarray"], shared: "SharedSet | None" = None, reads: str | None = None

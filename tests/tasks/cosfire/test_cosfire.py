@@ -18,6 +18,7 @@ from sextant.layers.cosfire import Blur, ConcentricCircles, Cosfire, GaborBank
 from sextant.lifecycle.execute import execute
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
+from sextant.tasks.cosfire.estimator import CosfireEstimator
 from sextant.tasks.cosfire.module import CosfireRecognition
 
 METHODS = ["cosfire_svm", "tiled_svm", "strongest_filter", "full_svm", "pooled_svm", "nearest", "network"]
@@ -144,15 +145,15 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, tmp_pat
 
 def test_interrupted_while_filters_are_made(tmp_path, monkeypatch):
     whole = digits_run(tmp_path / "whole", *PLAIN, "task.prices=[10]")
-    learn, done = CosfireRecognition.learn, []
+    fit, done = CosfireEstimator.fit, []
 
-    def interrupted_once(self, data):
-        learn(self, data)
+    def interrupted_once(self, *examples):
+        fit(self, *examples)
         if not done:
             done.append(len(self.filters))
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(CosfireRecognition, "learn", interrupted_once)
+    monkeypatch.setattr(CosfireEstimator, "fit", interrupted_once)
     with pytest.raises(KeyboardInterrupt):
         digits_run(tmp_path / "parted", *PLAIN, "task.prices=[10]")
     resumed = digits_run(tmp_path / "parted", *PLAIN, "task.prices=[10]")

@@ -85,8 +85,8 @@ def answering(trained: Trained) -> tuple[str, Answering]:
         from sextant.trained.content import own_config
 
         module = model_from_checkpoint(own_config(trained.about, trust=trained.trust), trained.content, checkpoint)
-        console.print(f"method {module.methods[0]}")
-        return "score", module.predict_step
+        console.print(f"method {module.estimator.methods[0]}")
+        return "score", module.estimator.first_scores
     from sextant.applications import ImageClassifier
 
     return "probability", ImageClassifier.of(trained.content, checkpoint, trust=trained.trust).probabilities

@@ -15,6 +15,10 @@ from sextant.tasks.cosfire.representations import filter_maxima, images_at_once
 TRIES = 20
 
 
+class NoFilterError(UserError):
+    """No filter could be configured for a class."""
+
+
 @dataclass(frozen=True)
 class PrototypeSettings:
     """How prototypes are chosen.
@@ -57,7 +61,7 @@ def configure(
     """Configure ``settings.per_class`` filters for each class.
 
     Raises:
-        UserError: in no example of a class, at none of the points that were tried, is there enough structure.
+        NoFilterError: in no example of a class, at none of the points that were tried, is there enough structure.
     """
     chosen: list[tuple[int, int, float, float]] = []
     for label in torch.unique(labels).tolist():
@@ -107,7 +111,7 @@ def _configured(
         if len(filters.tuples(len(filters) - 1)) >= settings.least_parts:
             return row, *point
         filters.drop_last()
-    raise UserError(
+    raise NoFilterError(
         f"no filter of at least task.least_parts={settings.least_parts} parts could be configured for "
         f"class {label} (counted from 0) in {tries} tries{refused}",
         "Lower task.least_parts, strategy.t2 or filters.t1, or choose smaller strategy.radii.",

@@ -6,6 +6,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from sextant.baselines.linear_svm import SCALINGS, LinearSVM
+from sextant.tasks.cosfire.fine_tuning import LinearLayer, TunedLayer
+
 
 class LearntLater(nn.Module):
     """Named arrays that may be set, saved and loaded in any size; missing until then."""
@@ -28,3 +31,40 @@ class LearntLater(nn.Module):
             if (array := state_dict.get(prefix + name)) is not None:
                 setattr(self, name, torch.empty_like(array, device=known.device))
         super()._load_from_state_dict(state_dict, prefix, *rest)
+
+
+class LearntSVM(LearntLater):
+    """An SVM; checkpoints call its C ``price``."""
+
+    def __init__(self) -> None:
+        super().__init__("weights", "bias", "price", "scaling")
+
+    def keep_svm(self, svm: LinearSVM) -> None:
+        """Set all arrays."""
+        self.keep(
+            weights=torch.from_numpy(svm.weights),
+            bias=torch.from_numpy(svm.bias),
+            price=torch.tensor([svm.c], dtype=torch.float64),
+            scaling=torch.tensor([SCALINGS.index(svm.scaling)]),
+        )
+
+    def svm(self) -> LinearSVM:
+        """The SVM that was kept."""
+        weights, bias, c, scaling = (self[name].cpu().numpy() for name in ("weights", "bias", "price", "scaling"))
+        return LinearSVM(weights, bias, float(c[0]), SCALINGS[int(scaling[0])])
+
+
+class LearntLayer(LearntLater):
+    """A linear layer that was trained on, and the losses of its epochs."""
+
+    def __init__(self) -> None:
+        super().__init__("weights", "bias", "losses")
+
+    def keep_layer(self, tuned: TunedLayer) -> None:
+        """Set all arrays."""
+        losses = torch.tensor(tuned.losses, dtype=torch.float64)
+        self.keep(weights=tuned.layer.weights, bias=tuned.layer.bias, losses=losses)
+
+    def layer(self) -> LinearLayer:
+        """The layer that was kept."""
+        return LinearLayer(self["weights"], self["bias"])

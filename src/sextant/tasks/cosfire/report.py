@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from sextant.data.examples import ExampleData
     from sextant.layers.cosfire import Cosfire
-    from sextant.tasks.cosfire.module import CosfireRecognition
+    from sextant.tasks.cosfire.estimator import CosfireEstimator
     from sextant.tasks.cosfire.result import RecognitionResult
 
 #: images on a sheet
@@ -43,22 +43,23 @@ def method_table(result: "RecognitionResult") -> list[dict[str, str]]:
     ]
 
 
-def recognition_figures(module: "CosfireRecognition", data: "ExampleData") -> "Iterator[tuple[str, Figure]]":
+def recognition_figures(
+    estimator: "CosfireEstimator", result: "RecognitionResult", data: "ExampleData"
+) -> "Iterator[tuple[str, Figure]]":
     """Prototypes, filters and their responses; the confusions of the first method and the images it gets wrong."""
     from sextant.figures.confusion_matrix import confusion_matrix
     from sextant.figures.cosfire.recognition_errors import recognition_errors
 
-    assert module.result is not None
-    result, images = module.result, data.split("test").images[:: data.test_every]
-    yield "prototypes", _prototypes(module)
-    for number in first_filters(module.configured_from().labels):
-        name = _file_name(module.classes[int(module.configured_from().labels[number])])
-        yield f"filter_{name}", _filter(module, number)
-        yield f"response_{name}", _response(module, number, images, result.labels)
+    images = data.split("test").images[:: data.test_every]
+    yield "prototypes", _prototypes(estimator)
+    for number in first_filters(estimator.configured_from().labels):
+        name = _file_name(estimator.classes[int(estimator.configured_from().labels[number])])
+        yield f"filter_{name}", _filter(estimator, number)
+        yield f"response_{name}", _response(estimator, number, images, result.labels)
     method, answers = next(iter(result.answers.items()))
-    if len(module.classes) <= 100:
-        yield "confusion_matrix", confusion_matrix(result.labels, answers, module.classes)
-    errors = recognition_errors(images.numpy(), result.labels, answers, module.classes, most=SHEET, title=method)
+    if len(estimator.classes) <= 100:
+        yield "confusion_matrix", confusion_matrix(result.labels, answers, estimator.classes)
+    errors = recognition_errors(images.numpy(), result.labels, answers, estimator.classes, most=SHEET, title=method)
     if errors is not None:
         yield f"errors_{method}", errors
 
@@ -70,38 +71,38 @@ def first_filters(labels: Int64[Tensor, "f"], most: int = DRAWN) -> list[int]:
     return [int((of_filter == row).nonzero()[0, 0]) for row in rows.tolist()]
 
 
-def _prototypes(module: "CosfireRecognition") -> "Figure":
+def _prototypes(estimator: "CosfireEstimator") -> "Figure":
     from sextant.figures.gallery import gallery
 
-    kept, pictures = module.configured_from(), module.prototypes["pictures"].cpu().numpy()
+    kept, pictures = estimator.configured_from(), estimator.prototypes["pictures"].cpu().numpy()
     rows = np.unique(np.linspace(0, len(pictures) - 1, min(SHEET, len(pictures))).astype(int))
     titles = [
-        f"{module.classes[kept.labels[row]]} at {kept.points[row, 0]:.0f},{kept.points[row, 1]:.0f}" for row in rows
+        f"{estimator.classes[kept.labels[row]]} at {kept.points[row, 0]:.0f},{kept.points[row, 1]:.0f}" for row in rows
     ]
     return gallery([_picture(pictures[row]) for row in rows], titles)
 
 
-def _filter(module: "CosfireRecognition", number: int) -> "Figure":
+def _filter(estimator: "CosfireEstimator", number: int) -> "Figure":
     from sextant.figures.cosfire.filter import cosfire_filter
 
-    kept, filters = module.configured_from(), on_processor(module.filters)
-    example = module.prototypes["pictures"][number].cpu().float() / 255
+    kept, filters = estimator.configured_from(), on_processor(estimator.filters)
+    example = estimator.prototypes["pictures"][number].cpu().float() / 255
     x, y = kept.points[number].tolist()
-    title = f"{module.classes[int(kept.labels[number])]}: {len(filters.tuples(number))} parts"
+    title = f"{estimator.classes[int(kept.labels[number])]}: {len(filters.tuples(number))} parts"
     return cosfire_filter(filters, example, (x, y), number=number, title=title)
 
 
 def _response(
-    module: "CosfireRecognition", number: int, images: UInt8[Tensor, "n c h w"], labels: Int64[ndarray, "n"]
+    estimator: "CosfireEstimator", number: int, images: UInt8[Tensor, "n c h w"], labels: Int64[ndarray, "n"]
 ) -> "Figure":
     """Over a test image of the filter's class, or the first one if there is none."""
     from sextant.figures.cosfire.responses import cosfire_responses
 
-    kept, filters = module.configured_from(), module.filters
+    kept, filters = estimator.configured_from(), estimator.filters
     alike = np.flatnonzero(labels == int(kept.labels[number]))
     row = int(alike[0]) if len(alike) else 0
     with torch.no_grad():
-        response = filters(module.seen(images[row : row + 1]).to(filters.rho.device).float() / 255)[0, number].cpu()
+        response = filters(estimator.seen(images[row : row + 1]).to(filters.rho.device).float() / 255)[0, number].cpu()
     score, place = float(response.max()), int(response.argmax())
     height, width = images.shape[-2:]
     point = (
@@ -109,8 +110,8 @@ def _response(
         (place // response.shape[1] + 0.5) * height / response.shape[0] - 0.5,
         score,
     )
-    own = float(module.prototypes["own"][number])
-    title = f"filter of {module.classes[int(kept.labels[number])]} over a {module.classes[int(labels[row])]}"
+    own = float(estimator.prototypes["own"][number])
+    title = f"filter of {estimator.classes[int(kept.labels[number])]} over a {estimator.classes[int(labels[row])]}"
     picture = images[row].permute(1, 2, 0).numpy()
     return cosfire_responses(
         picture,

@@ -30,3 +30,9 @@ class RecognitionResult:
         """The same for the images of one condition."""
         rows = self.conditions[condition]
         return {method: float((found == self.labels)[rows].mean()) for method, found in self.answers.items()}
+
+    def arrays(self) -> dict[str, ndarray]:
+        """Labels, answers and conditions, as a run stores them."""
+        answers = {f"answer/{method}": found for method, found in self.answers.items()}
+        conditions = {f"condition/{name}": found for name, found in self.conditions.items()}
+        return {"labels": self.labels, **answers, **conditions}
