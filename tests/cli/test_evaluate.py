@@ -115,12 +115,12 @@ def test_a_damaged_checkpoint_is_not_used(trained, tmp_path, command):
         assert caught.value.fix
 
 
-def test_weights_so_large_that_answers_are_no_numbers(trained, tmp_path):
+def test_weights_so_large_that_answers_are_nan(trained, tmp_path):
     _, run = trained
     content = load_checkpoint(run.last_checkpoint)
     content["state_dict"] = {name: torch.full_like(tensor, 1e38) for name, tensor in content["state_dict"].items()}
     torch.save(content, tmp_path / "large.ckpt")
-    with pytest.raises(UserError, match=r"large\.ckpt answers with what is no number"):
+    with pytest.raises(UserError, match=r"large\.ckpt returns NaN"):
         predict.main([f"run={tmp_path / 'large.ckpt'}", f"input={run.figures}", f"output={tmp_path / 'out'}"])
 
 

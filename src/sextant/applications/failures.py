@@ -1,11 +1,16 @@
 """Photos that could not be used, among many."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, Literal, Self, TypeVar, get_args
 
 from sextant.data.unusable_files import nothing_usable
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
+
+#: what becomes of photos that fail: an error that names them, or an entry for each among the results
+Errors = Literal["raise", "return"]
+Photo = TypeVar("Photo")
 
 
 @dataclass(frozen=True)
@@ -54,3 +59,51 @@ class FailedPhotosError(UserError):
         error = cls(told.problem, told.fix)
         error.failed = tuple(failed)
         return error
+
+
+def several(photos: Iterable[Photo], errors: Errors, argument: str = "photos") -> Iterable[Photo]:
+    """The photos as they are, if they are several.
+
+    Args:
+        photos: files or arrays.
+        errors: checked as well.
+        argument: what the caller calls the photos.
+
+    Raises:
+        ArgumentError: one path was given in place of several photos, or ``errors`` is not one of :data:`Errors`.
+    """
+    check_errors(errors)
+    if isinstance(photos, Path | str):
+        raise ArgumentError(
+            f"{argument}={photos} is one path; several {argument} are expected",
+            f'For example Path("{photos}").glob("*.jpg")',
+        )
+    return photos
+
+
+def check_errors(errors: Errors) -> None:
+    """Raise an ``ArgumentError`` if ``errors`` is not one of :data:`Errors`."""
+    if errors not in get_args(Errors):
+        raise ArgumentError(f"errors={errors} must be one of {', '.join(get_args(Errors))}")
+
+
+def raise_failed(
+    found: Iterable[object],
+    count: int,
+    done: str,
+    errors: Errors,
+    rest: str = 'give errors="return" for the others.',
+) -> None:
+    """Raise an error that names all photos that failed, unless ``errors`` is ``return``.
+
+    Args:
+        found: results, with a :class:`FailedPhoto` for each photo that failed.
+        count, done, rest: as for :meth:`FailedPhotosError.of`.
+        errors: what the user chose.
+
+    Raises:
+        FailedPhotosError: a photo failed.
+    """
+    failed = [each for each in found if isinstance(each, FailedPhoto)]
+    if failed and errors == "raise":
+        raise FailedPhotosError.of(failed, count, done, rest)

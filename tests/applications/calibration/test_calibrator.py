@@ -163,8 +163,11 @@ def test_a_prior_that_has_no_meaning_is_refused(calibrator, prior, tmp_path):
 
 
 def test_a_folder_is_not_photos(calibrator, tmp_path):
-    with pytest.raises(UserError, match="is one path; several photos are expected"):
-        calibrator.calibrate_many(str(tmp_path))
+    for calibrate in (calibrator.calibrate_many, calibrator.one_camera):
+        with pytest.raises(UserError, match="is one path; several photos are expected"):
+            calibrate(str(tmp_path))
+        with pytest.raises(UserError, match="errors=ignore must be one of raise, return"):
+            calibrate([], errors="ignore")
 
 
 def test_a_photo_is_straightened_at_any_size(calibrator, tmp_path):

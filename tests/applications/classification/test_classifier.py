@@ -74,9 +74,17 @@ def test_images_that_fail_among_many_are_named_and_the_others_are_not_lost(class
     assert all(isinstance(each, FailedPhoto) for each in classifier.classify_many(images[:1], errors="return"))
 
 
-def test_answers_that_are_no_numbers_are_refused(classifier):
+def test_a_folder_is_not_images(classifier, tmp_path):
+    for folder in (tmp_path, str(tmp_path)):
+        with pytest.raises(UserError, match="is one path; several images are expected"):
+            classifier.classify_many(folder)
+    with pytest.raises(UserError, match="errors=ignore must be one of raise, return"):
+        classifier.classify_many([], errors="ignore")
+
+
+def test_a_network_that_returns_nan_is_refused(classifier):
     classifier.network.gain.data.fill_(torch.nan)
-    with pytest.raises(UserError, match="answers with what is no number"):
+    with pytest.raises(UserError, match="returns NaN"):
         classifier.classify(np.zeros((16, 16, 3), np.uint8))
 
 

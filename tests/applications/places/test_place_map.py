@@ -209,6 +209,15 @@ def test_photos_that_fail_are_named_and_the_others_are_in_the_map(rides):
     assert len(places) == 5
 
 
+def test_a_folder_is_not_photos_to_look_up(rides, places):
+    for look_up in (places.look_up_many, places.look_up_sequence):
+        with pytest.raises(UserError, match="is one path; several photos are expected"):
+            look_up(str(rides[1]))
+    for call in (places.look_up_many, places.look_up_sequence, places.add):
+        with pytest.raises(UserError, match="errors=ignore must be one of raise, return"):
+            call(sorted(rides[1].iterdir()), errors="ignore")
+
+
 def test_photos_that_cannot_be_looked_up(rides, places):
     (rides[1] / "001.png").write_bytes(b"nothing")
     photos = [rides[1] / "000.png", rides[1] / "001.png", "gone.jpg"]

@@ -1,6 +1,6 @@
 """Photos in, their cameras out, by a trained network."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
@@ -12,7 +12,7 @@ from sextant.applications.calibration.one_camera import OneCamera, fuse_as_one_c
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, check_prior, with_focal_prior
 from sextant.applications.calibration.reporting import photo_camera
-from sextant.applications.failures import FailedPhoto, FailedPhotosError
+from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.errors import ArgumentError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
@@ -96,7 +96,7 @@ class PhotoCalibrator:
         photos: Iterable[AnyPhoto],
         *,
         focal_prior: FocalPrior = None,
-        errors: Literal["raise", "return"] = "raise",
+        errors: Errors = "raise",
     ) -> list[PhotoCamera] | list[PhotoCamera | FailedPhoto]:
         """The cameras of photos, each calibrated by itself, in their order.
 
@@ -109,9 +109,8 @@ class PhotoCalibrator:
         Raises:
             FailedPhotosError: photos failed; it names all of them.
         """
-        found = list(self._each(_named(photos), focal_prior))
-        if errors != "return":
-            _raise_failed(found)
+        found = list(self._each(_named(several(photos, errors)), focal_prior))
+        raise_failed(found, len(found), "calibrated", errors)
         return found
 
     def one_camera(
@@ -119,7 +118,7 @@ class PhotoCalibrator:
         photos: Iterable[AnyPhoto],
         *,
         focal_prior: FocalPrior = None,
-        errors: Literal["raise", "return"] = "raise",
+        errors: Errors = "raise",
     ) -> OneCamera:
         """The one camera of photos that were taken by one, with one lens setting.
 
@@ -133,10 +132,9 @@ class PhotoCalibrator:
             UserError: they cannot be of one camera, or the network gives no intervals.
         """
         check_prior(focal_prior)
-        found = list(find_cameras(self.network, _named(photos)))
+        found = list(find_cameras(self.network, _named(several(photos, errors))))
         findings = [each for each in found if isinstance(each, Finding)]
-        if errors != "return" or not findings:
-            _raise_failed(found)
+        raise_failed(found, len(found), "calibrated", errors if findings else "raise")
         if not found:
             raise ArgumentError("photos=[]: there is no photo of the camera", "Give at least one.")
         fused, fusion, doubts = fuse_as_one_camera(findings, focal_prior)
@@ -156,16 +154,5 @@ class PhotoCalibrator:
 
 
 def _named(photos: Iterable[AnyPhoto]) -> Iterator[tuple[str, AnyPhoto]]:
-    if isinstance(photos, Path | str):
-        raise ArgumentError(
-            f"photos={photos} is one path; several photos are expected", f'For example Path("{photos}").glob("*.jpg")'
-        )
     for i, photo in enumerate(photos):
         yield f"photos[{i}]" if isinstance(photo, ndarray) else str(photo), photo
-
-
-def _raise_failed(found: Sequence[Finding | PhotoCamera | FailedPhoto]) -> None:
-    if failed := [each for each in found if isinstance(each, FailedPhoto)]:
-        raise FailedPhotosError.of(
-            failed, len(found), "calibrated", 'give errors="return" for the cameras of the others.'
-        )

@@ -12,7 +12,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray
 from torch import Tensor, nn
 
-from sextant.applications.failures import FailedPhoto, FailedPhotosError
+from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.applications.pixels import checked_pixels
 from sextant.data.image_folder import decode_square
 from sextant.data.source import ImageSpec
@@ -101,7 +101,7 @@ class ImageClassifier:
             image: a file or an array, as for :meth:`classify_many`.
 
         Raises:
-            UserError: it cannot be read or has another shape, or the network answers with what is no number.
+            UserError: it cannot be read or has another shape, or the network returns NaN.
         """
         (found,) = self.classify_many([image], errors="return")
         if isinstance(found, FailedPhoto):
@@ -115,7 +115,7 @@ class ImageClassifier:
         self, images: Iterable[AnyImage], *, errors: Literal["return"]
     ) -> list[Classified | FailedPhoto]: ...
     def classify_many(
-        self, images: Iterable[AnyImage], *, errors: Literal["raise", "return"] = "raise"
+        self, images: Iterable[AnyImage], *, errors: Errors = "raise"
     ) -> list[Classified] | list[Classified | FailedPhoto]:
         """What each of some images shows, in their order.
 
@@ -127,9 +127,9 @@ class ImageClassifier:
 
         Raises:
             FailedPhotosError: files cannot be read, or arrays have another shape; it names all of them.
-            UserError: the network answers with what is no number.
+            UserError: the network returns NaN.
         """
-        given = iter(enumerate(images))
+        given = iter(enumerate(several(images, errors, "images")))
         found: list[Classified | FailedPhoto] = []
         while batch := [self._tried(i, image) for i, image in islice(given, BATCH)]:
             pixels = [each for each in batch if isinstance(each, ndarray)]
@@ -141,9 +141,7 @@ class ImageClassifier:
                 else Classified(dict(zip(self.spec.classes, next(rows), strict=True)))
                 for each in batch
             ]
-        failed = [each for each in found if isinstance(each, FailedPhoto)]
-        if failed and errors != "return":
-            raise FailedPhotosError.of(failed, len(found), "classified", 'give errors="return" for the others.')
+        raise_failed(found, len(found), "classified", errors)
         return found
 
     @torch.no_grad()
@@ -151,13 +149,13 @@ class ImageClassifier:
         """Probabilities of the classes for images of bytes.
 
         Raises:
-            UserError: the network answers with what is no number.
+            UserError: the network returns NaN.
         """
         device = next(self.network.parameters()).device
         found: Tensor = self.network(images.to(device).float() / 255).softmax(1).cpu()
         if bool(found.isnan().any()):
             raise UserError(
-                f"the model in {self.name} answers with what is no number",
+                f"the model in {self.name} returns NaN",
                 "Its weights are damaged, or its training diverged. Take another checkpoint.",
             )
         return found

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray
 
-from sextant.applications.failures import FailedPhoto, FailedPhotosError
+from sextant.applications.failures import Errors, FailedPhoto, check_errors, raise_failed, several
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor, kept_baseline, kept_network, load_descriptor
 from sextant.applications.pixels import checked_pixels
 from sextant.applications.places.describing import Described, DescribedPhotos, describe, joined, without_failed
@@ -31,7 +31,6 @@ from sextant.runs.resolve import FoundRun, resolve_run
 from sextant.trained.content import own_config, read_trained
 
 AnyPhoto = Path | str | UInt8[ndarray, "h w *c"]
-Errors = Literal["raise", "return"]
 DESCRIPTOR = "descriptor"
 NO_RUN = "the descriptor is no run's, whose test fits the temperature"
 
@@ -169,6 +168,7 @@ class PlaceMap:
             FailedPhotosError: photos could not be described; it names all of them, and the others are in the map.
             ArgumentError: there are no photos, some are in the map already, or there are not as many positions.
         """
+        check_errors(errors)
         given = photo_folder(photos)
         where = None if positions is None else np.array(positions, np.float64)
         if where is not None and where.shape != (len(given), 2):
@@ -183,8 +183,7 @@ class PlaceMap:
         if len(found.rows):
             self._parts = [without_failed(part, set(files)) for part in self._parts] + [_part(given, found, where)]
             self._files |= {path.absolute() for path in self._parts[-1].paths}
-        if failed and errors != "return":
-            raise FailedPhotosError.of(failed, len(given), "described", "go on: the others are in the map.")
+        raise_failed(failed, len(given), "described", errors, "go on: the others are in the map.")
         return failed
 
     def save(self, folder: Path | str, *, descriptor: bool = True) -> None:
@@ -371,15 +370,13 @@ class PlaceMap:
     def _look_up(
         self, photos: Iterable[AnyPhoto], k: int, sequence: int | None, errors: Errors
     ) -> list[LookedUp | FailedPhoto]:
-        described = self.described
+        photos, described = several(photos, errors), self.described
         size = (self.size.height, self.size.width, self.size.channels)
         given = [Path(p).expanduser() if isinstance(p, Path | str) else checked_pixels(p, size) for p in photos]
         names = [f"photo {i}" if isinstance(photo, ndarray) else str(photo) for i, photo in enumerate(given)]
         found = describe(self._describer, self.size, given)
         results: dict[int, LookedUp | FailedPhoto] = {i: _failed(names[i], why) for i, why in found.failed.items()}
-        if results and errors != "return":
-            failed = [each for _, each in sorted(results.items()) if isinstance(each, FailedPhoto)]
-            raise FailedPhotosError.of(failed, len(given), "looked up", 'give errors="return" for the others.')
+        raise_failed((each for _, each in sorted(results.items())), len(given), "looked up", errors)
         good = [i for i in range(len(given)) if i not in found.failed]
         if good:
             matches = self.match(FlatIndex(found.rows), k, sequence=sequence)

@@ -115,7 +115,7 @@ def _answered(
         found = answer(torch.from_numpy(stacked.copy()))
     if bool(found.isnan().any()):
         raise UserError(
-            f"the model in {model} answers with what is no number",
+            f"the model in {model} returns NaN",
             "Its weights are damaged, or its training diverged. Take another checkpoint.",
         )
     return [(row, image, values) for (row, image), values in zip(images, found.tolist(), strict=True)]
