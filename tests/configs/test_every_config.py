@@ -1,14 +1,19 @@
 """Every YAML file composes, is legal, and what it describes can be built."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.config import validate
 from sextant.config.building import build
 from sextant.config.schema import CosfireTask
+from sextant.config.schema.parts import parts_of
+from sextant.config.schema.places.parts import PlaceLoss
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
@@ -34,7 +39,12 @@ NEEDED = {
     "pooling": ["task=place_recognition"],
     "mining": ["task=place_recognition"],
 }
-PLACE_LOSSES = {"contrastive", "info_nce", "multi_similarity", "soft_margin", "triplet_margin", "triplet_ratio"}
+PLACE_TARGETS = {get_args(part.model_fields["target"].annotation)[0] for part in parts_of(PlaceLoss)}
+PLACE_LOSSES = {
+    option
+    for option in groups()["loss"]
+    if OmegaConf.load(conf_dir() / "loss" / f"{option}.yaml")["_target_"] in PLACE_TARGETS
+}
 NEEDED |= {f"loss={name}": ["task=place_recognition"] for name in PLACE_LOSSES}
 LOCALIZATION = ("descriptor", "observation", "kernel", "likelihood", "motion", "filter", "recovery", "fault", "faults")
 NEEDED |= {group: ["task=localization"] for group in LOCALIZATION}

@@ -186,3 +186,22 @@ def test_a_map_whose_saving_was_broken_off_is_not_taken_for_one(folder, monkeypa
         save_map(folder, ExactGP().fit(smooth_map(), KERNEL), LIKELIHOOD, FACTS)
     with pytest.raises(UserError, match=r"no map\.json"):
         load_map(folder)
+
+
+class OwnGP(LocalGP):
+    """A model of the user's own."""
+
+
+def test_a_map_with_a_model_of_ones_own_opens_for_those_who_trust_it(tmp_path):
+    model = OwnGP(8).fit(smooth_map(), KERNEL)
+    save_map(tmp_path, model, LIKELIHOOD, FACTS)
+    with pytest.raises(UserError, match=r"wants to build .*OwnGP.*\n.*trust=true"):
+        load_map(tmp_path)
+    assert type(load_map(tmp_path, trust=True).model) is OwnGP
+
+
+@pytest.mark.parametrize("path", ["os.system", "subprocess.Popen", "sextant.errors.UserError", "gone.Model", "os.gone"])
+def test_what_is_no_model_is_refused_even_then(folder, path):
+    _with(folder, lambda header: header["model"].update({"class": path}))
+    with pytest.raises(UserError, match="do not make a map"):
+        load_map(folder, trust=True)

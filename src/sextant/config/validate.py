@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from sextant.config.schema import Config
+from sextant.config.schema.parts import Part, parts_of
 from sextant.errors import UserError
 
 
@@ -99,7 +100,7 @@ def _options(annotation: Any) -> list[Any]:
         return [inner for option in get_args(annotation) for inner in _options(option)]
     if hasattr(annotation, "__metadata__"):
         return _options(annotation.__origin__)
-    return [annotation]
+    return parts_of(annotation) if isinstance(annotation, type) and issubclass(annotation, Part) else [annotation]
 
 
 def _is_tag(part: str | int, options: Iterable[Any]) -> bool:

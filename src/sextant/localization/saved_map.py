@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,9 +19,11 @@ from torch import Tensor
 
 from sextant.array_folder import FolderFormat, file_sha256
 from sextant.atomic_files import write_atomically
+from sextant.errors import UserError
+from sextant.localization import observation
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.observation import MODELS, ObservationModel, observation_model
+from sextant.localization.observation import ObservationModel, observation_model
 from sextant.localization.observation.model import stored
 from sextant.localization.pose_kernel import PoseKernel
 
@@ -87,7 +90,7 @@ def write_header(
         OSError: an array is missing, or the folder cannot be written.
     """
     header = {
-        "model": {"class": type(model).__name__, "arguments": model.arguments()},
+        "model": {"class": _class_name(model), "arguments": model.arguments()},
         "kernel": asdict(kernel),
         "likelihood": asdict(likelihood),
         "facts": facts,
@@ -96,27 +99,50 @@ def write_header(
     KIND.write_header(folder, header)
 
 
-def load_map(folder: Path, *, verify: bool = True) -> SavedMap:
+def _class_name(model: ObservationModel) -> str:
+    kind = type(model)
+    shipped = kind.__module__.startswith(f"{observation.__name__}.")
+    return kind.__name__ if shipped else f"{kind.__module__}.{kind.__qualname__}"
+
+
+def load_map(folder: Path, *, verify: bool = True, trust: bool = False) -> SavedMap:
     """Open a saved map.
 
     Args:
         folder: that it was saved to.
         verify: compare the hash of every file, which reads them once; their sizes are compared anyway.
+        trust: import a model of the user's own that the map names.
 
     Raises:
-        UserError: the folder is not there, holds no map, one of another version, or a damaged one.
+        UserError: the folder is not there, holds no map, one of another version, a damaged one, or one that needs code
+            of the user's own and ``trust`` is false.
     """
     header = _header(folder)
     tensors = {name: _tensor(folder, name, mark, verify) for name, mark in header["files"].items()}
     try:
         kernel = PoseKernel(**header["kernel"] | {"length": tuple(header["kernel"]["length"])})
         likelihood = Likelihood(**header["likelihood"])
-        model = observation_model(header["model"]["class"])(**header["model"]["arguments"])
+        model = _model_class(str(header["model"]["class"]), folder, trust)(**header["model"]["arguments"])
         state = {name.removeprefix("state/"): tensor for name, tensor in tensors.items() if name.startswith("state/")}
         model.load_state(_map(tensors), kernel, state)
-    except (TypeError, ValueError, KeyError) as error:
+    except (TypeError, ValueError, KeyError, ImportError) as error:
         raise KIND.damaged(folder, f"{HEADER} and the arrays do not make a map: {error}") from error
     return SavedMap(model, likelihood, header["facts"])
+
+
+def _model_class(name: str, folder: Path, trust: bool) -> type[ObservationModel]:
+    module, _, own = name.rpartition(".")
+    if not module:
+        return observation_model(name)
+    if not trust:
+        raise UserError(
+            f"the map in {folder} wants to build {name}, which Sextant does not know",
+            "If you know where the map comes from, add trust=true",
+        )
+    found = getattr(import_module(module), own, None)
+    if not (isinstance(found, type) and issubclass(found, ObservationModel)):
+        raise ValueError(f"{name} is no observation model")
+    return found
 
 
 def _map(tensors: dict[str, Tensor]) -> DescriptorMap:
@@ -132,8 +158,6 @@ def _header(folder: Path) -> dict[str, Any]:
     header = KIND.read_header(folder)
     if not all(isinstance(header.get(key), dict) for key in ("model", "kernel", "likelihood", "facts", "files")):
         raise KIND.damaged(folder, f"{HEADER} lacks keys, or they have values of the wrong kind")
-    if header["model"].get("class") not in MODELS:
-        raise KIND.damaged(folder, f"{HEADER} names the model {header['model'].get('class')!r}, which is none")
     for name, mark in header["files"].items():
         if not _NAME.fullmatch(name) or not isinstance(mark, dict):
             raise KIND.damaged(folder, f"{HEADER} names a file {name!r}, which no map has")

@@ -3,8 +3,12 @@ import sys
 
 import pytest
 
+from sextant.config.schema.localization.parts import Observation
+from sextant.config.schema.parts import parts_of
 from sextant.localization import observation
-from sextant.localization.observation import MODELS, ObservationModel, observation_model
+from sextant.localization.observation import ObservationModel, observation_model
+
+MODELS = [part.__name__ for part in parts_of(Observation) if part.__name__ not in ("LikelihoodField", "BeamModel")]
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -15,9 +19,13 @@ def test_models_are_found_by_name(name):
     assert getattr(observation, name) is model
 
 
-def test_a_name_that_is_none_is_refused():
-    with pytest.raises(ValueError, match=r"made_up.*ExactGP"):
-        observation_model("made_up")
+@pytest.mark.parametrize("name", ["made_up", "MadeUp", "os.system", "_Tiles", "model", "Model", "Evidence", ""])
+def test_a_name_that_is_none_is_refused(name):
+    with pytest.raises(ValueError, match=rf"'{name}'.*ExactGP"):
+        observation_model(name)
+
+
+def test_only_models_are_found_as_attributes():
     with pytest.raises(AttributeError, match="made_up"):
         _ = observation.made_up
 

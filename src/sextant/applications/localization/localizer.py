@@ -251,7 +251,7 @@ class Localizer:
             particles: None for as many as the map was tested with.
             start, seed: as for the class.
             verify: compare the hashes of all files, which reads them once; their sizes are compared anyway.
-            trust: build parts of the user's own that a network's config names.
+            trust: build parts of the user's own that the map or a network's config names.
 
         Raises:
             UserError: there is no map, it is damaged, or its descriptors are of another run.

@@ -82,7 +82,7 @@ def open_localizer(
 ) -> dict[str, Any]:
     """The arguments of the ``Localizer`` that was saved; see :meth:`sextant.Localizer.load`."""
     folder = find_map(folder, outputs) or map_folder(Path(folder).expanduser())
-    saved = load_map(folder, verify=verify)
+    saved = load_map(folder, verify=verify, trust=trust)
     settings = saved.facts.get("localizer")
     if settings is None:
         return _without_settings(saved, folder, run, descriptor, motion, recovery)

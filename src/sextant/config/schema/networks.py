@@ -4,17 +4,21 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, NonNegative, Part
+from sextant.config.schema.parts import Count, NonNegative, Part
 
 
-class LeNet(Part):
+class Backbone(Part):
+    """A network."""
+
+
+class LeNet(Backbone):
     """LeNet A to D."""
 
     target: Literal["sextant.models.LeNet"] = Field(alias="_target_")
     variant: Literal["A", "B", "C", "D"]
 
 
-class ResNetCifar(Part):
+class ResNetCifar(Backbone):
     """ResNet for CIFAR."""
 
     target: Literal["sextant.models.ResNetCifar"] = Field(alias="_target_")
@@ -27,7 +31,7 @@ class ResNetCifar(Part):
         return self
 
 
-class DenseNetCifar(Part):
+class DenseNetCifar(Backbone):
     """DenseNet-BC for CIFAR."""
 
     target: Literal["sextant.models.DenseNetCifar"] = Field(alias="_target_")
@@ -41,7 +45,7 @@ class DenseNetCifar(Part):
         return self
 
 
-class AlexNetCifar(Part):
+class AlexNetCifar(Backbone):
     """AlexNet for CIFAR."""
 
     target: Literal["sextant.models.AlexNetCifar"] = Field(alias="_target_")
@@ -49,7 +53,7 @@ class AlexNetCifar(Part):
     dropout: float = Field(ge=0, lt=1, examples=[0.5])
 
 
-class StridedCNN(Part):
+class StridedCNN(Backbone):
     """A small convolutional network."""
 
     target: Literal["sextant.models.StridedCNN"] = Field(alias="_target_")
@@ -57,7 +61,7 @@ class StridedCNN(Part):
     grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
 
 
-class OrientedCNN(Part):
+class OrientedCNN(Backbone):
     """Convolutions on histograms of oriented gradients."""
 
     target: Literal["sextant.models.OrientedCNN"] = Field(alias="_target_")
@@ -74,7 +78,7 @@ class OrientedCNN(Part):
         return self
 
 
-class PlaceCNN(Part):
+class PlaceCNN(Backbone):
     """A small network for places."""
 
     target: Literal["sextant.models.PlaceCNN"] = Field(alias="_target_")
@@ -91,7 +95,7 @@ class PlaceCNN(Part):
         return self
 
 
-class SmallVGG(Part):
+class SmallVGG(Backbone):
     """Stages of convolutions."""
 
     target: Literal["sextant.models.SmallVGG"] = Field(alias="_target_")
@@ -105,13 +109,13 @@ class SmallVGG(Part):
         return self
 
 
-class CaffeNet(Part):
+class CaffeNet(Backbone):
     """The convolutions of AlexNet as in Caffe."""
 
     target: Literal["sextant.models.CaffeNet"] = Field(alias="_target_")
 
 
-class TorchvisionBackbone(Part):
+class TorchvisionBackbone(Backbone):
     """A torchvision network."""
 
     target: Literal["sextant.models.torchvision_backbone"] = Field(alias="_target_")
@@ -119,7 +123,7 @@ class TorchvisionBackbone(Part):
     weights: str | None = Field(examples=["imagenet"])
 
 
-class TimmBackbone(Part):
+class TimmBackbone(Backbone):
     """A timm network."""
 
     target: Literal["sextant.models.timm_backbone"] = Field(alias="_target_")
@@ -127,30 +131,17 @@ class TimmBackbone(Part):
     pretrained: bool
 
 
-Backbone = Annotated[
-    LeNet
-    | ResNetCifar
-    | DenseNetCifar
-    | AlexNetCifar
-    | StridedCNN
-    | OrientedCNN
-    | PlaceCNN
-    | SmallVGG
-    | CaffeNet
-    | TorchvisionBackbone
-    | TimmBackbone
-    | CustomPart,
-    CHOSEN_BY_TARGET,
-]
+class Inhibition(Part):
+    """What replaces convolutions of a network."""
 
 
-class NoInhibition(Part):
+class NoInhibition(Inhibition):
     """The network as it is."""
 
     target: Literal["sextant.layers.NoInhibition"] = Field(alias="_target_")
 
 
-class PushPullInhibition(Part):
+class PushPullInhibition(Inhibition):
     """Push-pull in place of convolutions."""
 
     target: Literal["sextant.layers.PushPullInhibition"] = Field(alias="_target_")
@@ -161,7 +152,7 @@ class PushPullInhibition(Part):
     impl: Literal["auto", "direct", "rows", "factorised"] = "auto"
 
 
-class PushPullAvgInhibition(Part):
+class PushPullAvgInhibition(Inhibition):
     """Push-pull of 2024 in place of convolutions."""
 
     target: Literal["sextant.layers.PushPullAvgInhibition"] = Field(alias="_target_")
@@ -172,13 +163,8 @@ class PushPullAvgInhibition(Part):
     impl: Literal["box", "direct"]
 
 
-class AntiAliasing(Part):
+class AntiAliasing(Inhibition):
     """A blur before every subsampling."""
 
     target: Literal["sextant.layers.AntiAliasing"] = Field(alias="_target_")
     taps: Count = Field(examples=[3])
-
-
-Inhibition = Annotated[
-    NoInhibition | PushPullInhibition | PushPullAvgInhibition | AntiAliasing | CustomPart, CHOSEN_BY_TARGET
-]

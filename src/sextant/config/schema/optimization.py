@@ -4,10 +4,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart, NonNegative, Part, Positive, Share
+from sextant.config.schema.parts import NonNegative, Part, Positive, Share
 
 
-class SGD(Part):
+class Optimizer(Part):
+    """An optimiser of torch, its parameters still to be given."""
+
+
+class SGD(Optimizer):
     """Stochastic gradient descent."""
 
     target: Literal["torch.optim.SGD"] = Field(alias="_target_")
@@ -24,7 +28,7 @@ class SGD(Part):
         return self
 
 
-class Adam(Part):
+class Adam(Optimizer):
     """Adam."""
 
     target: Literal["torch.optim.Adam"] = Field(alias="_target_")
@@ -34,7 +38,7 @@ class Adam(Part):
     weight_decay: NonNegative = Field(examples=[0.0])
 
 
-class AdamW(Part):
+class AdamW(Optimizer):
     """AdamW."""
 
     target: Literal["torch.optim.AdamW"] = Field(alias="_target_")
@@ -44,16 +48,17 @@ class AdamW(Part):
     weight_decay: NonNegative = Field(examples=[0.01])
 
 
-Optimizer = Annotated[SGD | Adam | AdamW | CustomPart, CHOSEN_BY_TARGET]
+class Schedule(Part):
+    """The learning rate over the course of a run."""
 
 
-class ConstantRate(Part):
+class ConstantRate(Schedule):
     """The learning rate as it is."""
 
     target: Literal["sextant.tasks.schedules.ConstantRate"] = Field(alias="_target_")
 
 
-class StepDecay(Part):
+class StepDecay(Schedule):
     """The learning rate in steps."""
 
     target: Literal["sextant.tasks.schedules.StepDecay"] = Field(alias="_target_")
@@ -67,10 +72,7 @@ class StepDecay(Part):
         return self
 
 
-class CosineDecay(Part):
+class CosineDecay(Schedule):
     """The learning rate along half a cosine."""
 
     target: Literal["sextant.tasks.schedules.CosineDecay"] = Field(alias="_target_")
-
-
-Schedule = Annotated[ConstantRate | StepDecay | CosineDecay | CustomPart, CHOSEN_BY_TARGET]

@@ -1,7 +1,7 @@
 """What all config nodes have in common."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema
@@ -30,13 +30,12 @@ class CustomPart(Part):
 
 
 class ChosenByTarget:
-    """Marks a union of parts: the ``_target_`` of a node chooses the one; what none of them names is a custom part.
-
-    Example: ``Annotated[LeNet | ResNetCifar | CustomPart, CHOSEN_BY_TARGET]``.
+    """Marks a union of parts, of which the ``_target_`` of a node chooses one; a kind of part stands for all of its
+    subclasses. See :data:`Choice`.
     """
 
     def __get_pydantic_core_schema__(self, union: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        parts = {_target_of(part): handler.generate_schema(part) for part in get_args(union)}
+        parts = {_target_of(part): handler.generate_schema(part) for kind in get_args(union) for part in parts_of(kind)}
 
         def tag(value: Any) -> str:
             target = str(value.get("_target_") if isinstance(value, dict) else getattr(value, "target", None))
@@ -46,6 +45,16 @@ class ChosenByTarget:
 
 
 CHOSEN_BY_TARGET = ChosenByTarget()
+Kind = TypeVar("Kind", bound=Part)
+#: a part of this kind, or one of the user's own: ``Choice[Backbone]``
+Choice = Annotated[Kind | CustomPart, CHOSEN_BY_TARGET]
+
+
+def parts_of(kind: type[Part]) -> list[type[Part]]:
+    """The parts of a kind, which are its subclasses that name an import path; a part is one itself."""
+    if kind is CustomPart or get_args(kind.model_fields["target"].annotation):
+        return [kind]
+    return [part for each in kind.__subclasses__() for part in parts_of(each)]
 
 
 def _target_of(part: type[Part]) -> str:

@@ -5,12 +5,14 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
 
-from sextant.config.schema.calibration.cameras import BearingLoss, Parameterization, ParameterLoss, Sampling
+from sextant.config.schema.calibration.cameras import CameraLoss, Parameterization, Sampling
+from sextant.config.schema.calibration.datasets import Panoramas
 from sextant.config.schema.classification.augmentations import Augmentation
 from sextant.config.schema.classification.corruptions import TestConditions
+from sextant.config.schema.classification.datasets import LabelledImages
 from sextant.config.schema.cosfire.parts import Bank, Features, Filters, Strategy
-from sextant.config.schema.datasets import Dataset
 from sextant.config.schema.environment import Paths, Tracking, Trainer
+from sextant.config.schema.localization.datasets import Drives
 from sextant.config.schema.localization.faults import Fault, FaultSuite
 from sextant.config.schema.localization.parts import (
     Descriptor,
@@ -21,13 +23,14 @@ from sextant.config.schema.localization.parts import (
     PoseKernel,
     Recovery,
 )
-from sextant.config.schema.losses import Loss
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.optimization import Optimizer, Schedule
-from sextant.config.schema.parts import CustomPart, Node, Part, Seed, known_targets, named_targets
-from sextant.config.schema.places.parts import PLACE_LOSSES, Mining, Pooling
+from sextant.config.schema.parts import Choice, CustomPart, Node, Part, Seed, known_targets, named_targets
+from sextant.config.schema.places.datasets import Places
+from sextant.config.schema.places.parts import Mining, PlaceLoss, Pooling
 from sextant.config.schema.sweeps import Sweep
 from sextant.config.schema.tasks import Task
+from sextant.config.schema.world_datasets import World
 
 #: groups that only some tasks use: which may have them, and which need them
 NETWORKS = ("classification", "calibration", "place_recognition")
@@ -47,45 +50,42 @@ OWNED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     **dict.fromkeys(("features", "bank", "strategy", "filters"), (COSFIRE := ("cosfire",), COSFIRE)),
 }
 #: losses of the tasks that have a choice of them
-LOSSES_OF: dict[str, tuple[type[Part], ...]] = {
-    "calibration": (ParameterLoss, BearingLoss, CustomPart),
-    "place_recognition": (*PLACE_LOSSES, CustomPart),
-}
+LOSSES_OF: dict[str, type[Part]] = {"calibration": CameraLoss, "place_recognition": PlaceLoss}
 
 
 class Config(Node):
     """A whole run."""
 
     _plain: Mapping[str, Any] = PrivateAttr(default_factory=dict)
-    dataset: Dataset
-    corruption: TestConditions
-    optimizer: Optimizer
-    schedule: Schedule
+    dataset: Choice[LabelledImages | Panoramas | Places | Drives | World]
+    corruption: Choice[TestConditions]
+    optimizer: Choice[Optimizer]
+    schedule: Choice[Schedule]
     trainer: Trainer
     tracking: Tracking
     paths: Paths
     task: Task
-    backbone: Backbone | None = None
-    inhibition: Inhibition | None = None
-    augmentation: Augmentation | None = None
+    backbone: Choice[Backbone] | None = None
+    inhibition: Choice[Inhibition] | None = None
+    augmentation: Choice[Augmentation] | None = None
     parameterization: Parameterization | None = None
-    loss: Loss | None = None
+    loss: Choice[CameraLoss | PlaceLoss] | None = None
     sampling: Sampling | None = None
     test_sampling: Sampling | None = None
-    pooling: Pooling | None = None
-    mining: Mining | None = None
-    descriptor: Descriptor | None = None
+    pooling: Choice[Pooling] | None = None
+    mining: Choice[Mining] | None = None
+    descriptor: Choice[Descriptor] | None = None
     kernel: PoseKernel | None = None
-    observation: Observation | None = None
+    observation: Choice[Observation] | None = None
     likelihood: Likelihood | None = None
-    motion: Motion | None = None
+    motion: Choice[Motion] | None = None
     filter: ParticleFilter | None = None
-    recovery: Recovery | None = None
-    fault: Fault | None = None
+    recovery: Choice[Recovery] | None = None
+    fault: Choice[Fault] | None = None
     faults: FaultSuite | None = None
     features: Features | None = None
-    bank: Bank | None = None
-    strategy: Strategy | None = None
+    bank: Choice[Bank] | None = None
+    strategy: Choice[Strategy] | None = None
     filters: Filters | None = None
     seed: Seed = Field(examples=[0])
     init_from: str | None
@@ -112,7 +112,7 @@ class Config(Node):
                 raise ValueError(f"{name} belongs to task={' or '.join(tasks)}; leave it out, or choose that task")
             if self.task.name in needing and getattr(self, name) is None:
                 raise ValueError(f"{name} is missing: task={self.task.name} needs one")
-        if self.loss is not None and not isinstance(self.loss, LOSSES_OF[self.task.name]):
+        if self.loss is not None and not isinstance(self.loss, LOSSES_OF[self.task.name] | CustomPart):
             raise ValueError(f"loss={self.loss.target} is not one of task={self.task.name}")
         return self
 

@@ -8,7 +8,11 @@ from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples
 
 
-class _Drives(Part):
+class World(Part):
+    """A dataset of pictures of a rendered world."""
+
+
+class _Drives(World):
     """Drives through a town with a camera."""
 
     frames: BySplit
@@ -53,7 +57,7 @@ class TownFactors(_Drives):
     seed: Seed = Field(examples=[0])
 
 
-class TownCity(Part):
+class TownCity(World):
     """A city seen from everywhere."""
 
     target: Literal["sextant.data.worlds.TownCity"] = Field(alias="_target_")
@@ -81,7 +85,7 @@ class Laser(Node):
     dropout: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.01])
 
 
-class OfficeWalk(Part):
+class OfficeWalk(World):
     """A robot in an office."""
 
     target: Literal["sextant.data.worlds.OfficeWalk"] = Field(alias="_target_")

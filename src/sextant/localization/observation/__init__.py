@@ -1,42 +1,34 @@
 """What the image at any pose will look like, as Gaussians of its descriptor: exact, local, sparse and rival models."""
 
+import re
 from importlib import import_module
+from importlib.util import find_spec
 
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.model import ObservationModel
 from sextant.localization.observation.prediction import Prediction, Residuals
 
-_HERE = "sextant.localization.observation"
-#: Modules of the models by class name; one is imported when it is asked for, as some of them are slow to import.
-MODELS = {
-    "ExactGP": f"{_HERE}.exact_gp",
-    "LocalGP": f"{_HERE}.local_gp",
-    "CachedLocalGP": f"{_HERE}.cached_local_gp",
-    "SGPR": f"{_HERE}.sgpr",
-    "SVGP": f"{_HERE}.svgp",
-    "SKI": f"{_HERE}.ski",
-    "RandomFeatures": f"{_HERE}.random_features",
-    "KernelSum": f"{_HERE}.kernel_sum",
-}
-
 
 def observation_model(name: str) -> type[ObservationModel]:
-    """The class of that name.
+    """A class of this package, imported when it is asked for, as some are slow to import: ``LocalGP`` of ``local_gp``.
 
     Raises:
         ValueError: there is none.
     """
-    if name not in MODELS:
-        raise ValueError(f"observation model {name!r} must be one of {', '.join(MODELS)}")
-    found: type[ObservationModel] = getattr(import_module(MODELS[name]), name)
+    module = f"{__name__}.{re.sub('(?<=[a-z])(?=[A-Z])', '_', name).lower()}"
+    there = re.fullmatch("[A-Z][A-Za-z]*", name) and find_spec(module) is not None
+    found = getattr(import_module(module), name, None) if there else None
+    if not (isinstance(found, type) and issubclass(found, ObservationModel)):
+        raise ValueError(f"observation model {name!r}: {__name__} has none of that name; there is, say, ExactGP")
     return found
 
 
 def __getattr__(name: str) -> type[ObservationModel]:
     """The models, imported when they are asked for."""
-    if name in MODELS:
+    try:
         return observation_model(name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    except ValueError:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
 
 
-__all__ = ["MODELS", "Evidence", "ObservationModel", "Prediction", "Residuals", "observation_model"]
+__all__ = ["Evidence", "ObservationModel", "Prediction", "Residuals", "observation_model"]

@@ -24,7 +24,11 @@ class Sampling(Part):
     k2_of_k1: Literal["lopez", "zero"]
 
 
-class ParameterLoss(Part):
+class CameraLoss(Part):
+    """A loss of predicted cameras."""
+
+
+class ParameterLoss(CameraLoss):
     """Errors of the parameters."""
 
     target: Literal["sextant.losses.ParameterLoss"] = Field(alias="_target_")
@@ -33,7 +37,7 @@ class ParameterLoss(Part):
     delta: Positive = Field(examples=[0.1])
 
 
-class BearingLoss(Part):
+class BearingLoss(CameraLoss):
     """Errors of the rays."""
 
     target: Literal["sextant.losses.BearingLoss"] = Field(alias="_target_")

@@ -8,7 +8,11 @@ from sextant.config.schema.parts import CHOSEN_BY_TARGET, Node, Part, Seed
 from sextant.config.schema.splits import BlockSide, BySplit, Conditions, ImageSide, Samples
 
 
-class TownPanoramas(Part):
+class Panoramas(Part):
+    """A dataset of panoramas."""
+
+
+class TownPanoramas(Panoramas):
     """Panoramas of procedural towns."""
 
     target: Literal["sextant.data.worlds.TownPanoramas"] = Field(alias="_target_")
@@ -41,7 +45,7 @@ class ShareBySplit(Node):
     test: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.2])
 
 
-class PanoramaFolder(Part):
+class PanoramaFolder(Panoramas):
     """The user's own panoramas."""
 
     target: Literal["sextant.data.calibration.PanoramaFolder"] = Field(alias="_target_")
@@ -54,7 +58,7 @@ class PanoramaFolder(Part):
     together: list[str] = Field(examples=["[house_a,house_b]"])
 
 
-class PanoramaMix(Part):
+class PanoramaMix(Panoramas):
     """Several sources of panoramas."""
 
     target: Literal["sextant.data.calibration.PanoramaMix"] = Field(alias="_target_")

@@ -1,19 +1,23 @@
 """What changes training images."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart, Part, Positive
+from sextant.config.schema.parts import Part, Positive
 
 
-class NoAugmentation(Part):
+class Augmentation(Part):
+    """What changes training images."""
+
+
+class NoAugmentation(Augmentation):
     """Training images as they are."""
 
     target: Literal["sextant.data.augmentation.NoAugmentation"] = Field(alias="_target_")
 
 
-class PadCropFlip(Part):
+class PadCropFlip(Augmentation):
     """Shifts and mirror images."""
 
     target: Literal["sextant.data.augmentation.PadCropFlip"] = Field(alias="_target_")
@@ -22,7 +26,7 @@ class PadCropFlip(Part):
     flip: bool
 
 
-class AugMix(Part):
+class AugMix(Augmentation):
     """AugMix."""
 
     target: Literal["sextant.data.augmentation.AugMix"] = Field(alias="_target_")
@@ -32,6 +36,3 @@ class AugMix(Part):
     alpha: Positive = Field(examples=[1.0])
     pad: int = Field(ge=0, le=64, examples=[4])
     flip: bool
-
-
-Augmentation = Annotated[NoAugmentation | PadCropFlip | AugMix | CustomPart, CHOSEN_BY_TARGET]

@@ -4,10 +4,14 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, CustomPart, NonNegative, Part, Positive, Seed, distinct
+from sextant.config.schema.parts import Choice, NonNegative, Part, Positive, Seed, distinct
 
 
-class GaussianNoise(Part):
+class Corruption(Part):
+    """One corruption at its severities."""
+
+
+class GaussianNoise(Corruption):
     """Additive Gaussian noise."""
 
     target: Literal["sextant.corruptions.GaussianNoise"] = Field(alias="_target_")
@@ -15,7 +19,7 @@ class GaussianNoise(Part):
     clip: bool
 
 
-class ContrastPoisson(Part):
+class ContrastPoisson(Corruption):
     """Loss of contrast, then photon noise."""
 
     target: Literal["sextant.corruptions.ContrastPoisson"] = Field(alias="_target_")
@@ -26,18 +30,19 @@ class ContrastPoisson(Part):
     clip: bool
 
 
-CorruptionPart = Annotated[GaussianNoise | ContrastPoisson | CustomPart, CHOSEN_BY_TARGET]
+class TestConditions(Part):
+    """What a model is tested under."""
 
 
-class CorruptionSuite(Part):
+class CorruptionSuite(TestConditions):
     """The test conditions."""
 
     target: Literal["sextant.corruptions.CorruptionSuite"] = Field(alias="_target_")
-    corruptions: dict[str, CorruptionPart]
+    corruptions: dict[str, Choice[Corruption]]
     seed: Seed = Field(examples=[0])
 
 
-class BenchmarkSuite(Part):
+class BenchmarkSuite(TestConditions):
     """A published set of test conditions."""
 
     target: Literal["sextant.corruptions.BenchmarkSuite"] = Field(alias="_target_")
@@ -49,7 +54,7 @@ class BenchmarkSuite(Part):
     seed: Seed = Field(examples=[0])
 
 
-class StoredSuite(Part):
+class StoredSuite(TestConditions):
     """A published set of test conditions, from files."""
 
     target: Literal["sextant.corruptions.StoredSuite"] = Field(alias="_target_")
@@ -59,14 +64,9 @@ class StoredSuite(Part):
     severities: Annotated[list[int], AfterValidator(distinct)] | None = Field(examples=["[1,3,5]"])
 
 
-class PerturbationSuite(Part):
+class PerturbationSuite(TestConditions):
     """Sequences in which an image changes little by little."""
 
     target: Literal["sextant.corruptions.PerturbationSuite"] = Field(alias="_target_")
     names: list[str] | None = Field(examples=["[translate,rotate]"])
     seed: Seed = Field(examples=[0])
-
-
-TestConditions = Annotated[
-    CorruptionSuite | BenchmarkSuite | StoredSuite | PerturbationSuite | CustomPart, CHOSEN_BY_TARGET
-]

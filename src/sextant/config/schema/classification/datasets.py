@@ -7,28 +7,32 @@ from pydantic import Field
 from sextant.config.schema.parts import Part, Share
 
 
-class Digits(Part):
+class LabelledImages(Part):
+    """A dataset of labelled images."""
+
+
+class Digits(LabelledImages):
     """scikit-learn's digit scans."""
 
     target: Literal["sextant.data.digits.Digits"] = Field(alias="_target_")
     size: int = Field(ge=12, le=512, examples=[28])
 
 
-class MNIST(Part):
+class MNIST(LabelledImages):
     """MNIST."""
 
     target: Literal["sextant.data.mnist.MNIST"] = Field(alias="_target_")
     download: bool
 
 
-class FashionMNIST(Part):
+class FashionMNIST(LabelledImages):
     """Fashion-MNIST."""
 
     target: Literal["sextant.data.mnist.FashionMNIST"] = Field(alias="_target_")
     download: bool
 
 
-class CIFAR10(Part):
+class CIFAR10(LabelledImages):
     """CIFAR-10."""
 
     target: Literal["sextant.data.cifar10.CIFAR10"] = Field(alias="_target_")
@@ -36,7 +40,7 @@ class CIFAR10(Part):
     download: bool
 
 
-class ImageFolder(Part):
+class ImageFolder(LabelledImages):
     """The user's own images."""
 
     target: Literal["sextant.data.image_folder.ImageFolder"] = Field(alias="_target_")

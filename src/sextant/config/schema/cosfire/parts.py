@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, Node, NonNegative, Part, Positive
+from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive
 
 UnitShare = Annotated[float, Field(ge=0, le=1)]
 Border = Literal["zeros", "replicate", "reflect", "circular"]
@@ -17,7 +17,11 @@ class Features(Node):
     layer: str | None = Field(examples=["conv2"])
 
 
-class GaborBank(Part):
+class Bank(Part):
+    """What filters look at."""
+
+
+class GaborBank(Bank):
     """Gabor filters."""
 
     target: Literal["sextant.layers.cosfire.GaborBank"] = Field(alias="_target_")
@@ -30,7 +34,7 @@ class GaborBank(Part):
     border: Border
 
 
-class DoGBank(Part):
+class DoGBank(Bank):
     """Differences of Gaussians."""
 
     target: Literal["sextant.layers.cosfire.DoGBank"] = Field(alias="_target_")
@@ -40,24 +44,25 @@ class DoGBank(Part):
     border: Border
 
 
-class FeatureBank(Part):
+class FeatureBank(Bank):
     """Channels of the feature map."""
 
     target: Literal["sextant.layers.cosfire.FeatureBank"] = Field(alias="_target_")
     normalise: bool
 
 
-class VectorBank(Part):
+class VectorBank(Bank):
     """Directions in the feature map."""
 
     target: Literal["sextant.layers.cosfire.VectorBank"] = Field(alias="_target_")
     least: UnitShare = Field(examples=[0.05])
 
 
-Bank = Annotated[GaborBank | DoGBank | FeatureBank | VectorBank | CustomPart, CHOSEN_BY_TARGET]
+class Strategy(Part):
+    """How a filter is configured from an example."""
 
 
-class ConcentricCircles(Part):
+class ConcentricCircles(Strategy):
     """Strategy C: circles about the point."""
 
     target: Literal["sextant.layers.cosfire.ConcentricCircles"] = Field(alias="_target_")
@@ -68,7 +73,7 @@ class ConcentricCircles(Part):
     one_of: bool
 
 
-class _Keypoints(Part):
+class _Keypoints(Strategy):
     window: Annotated[int, Field(ge=0, le=1000)] = Field(examples=[1])
     reach: Positive = Field(examples=[8.0])
     strength: UnitShare = Field(examples=[0.2])
@@ -87,9 +92,6 @@ class VectorKeypoints(_Keypoints):
     """Strategy B: vectors of keypoints."""
 
     target: Literal["sextant.layers.cosfire.VectorKeypoints"] = Field(alias="_target_")
-
-
-Strategy = Annotated[ConcentricCircles | ChannelPeaks | VectorKeypoints | CustomPart, CHOSEN_BY_TARGET]
 
 
 class Filters(Node):

@@ -9,7 +9,11 @@ from sextant.config.schema.places.datasets import Traverses
 from sextant.config.schema.splits import ImageSide
 
 
-class PoseFolder(Part):
+class Drives(Part):
+    """A dataset of drives with poses."""
+
+
+class PoseFolder(Drives):
     """The user's own drives with poses."""
 
     target: Literal["sextant.data.localization.PoseFolder"] = Field(alias="_target_")

@@ -4,20 +4,24 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, Node, NonNegative, Part, Positive
+from sextant.config.schema.parts import Choice, Count, Node, NonNegative, Part, Positive
 
 Frame = Annotated[float, Field(gt=0)]
 #: 0 and 1 included
 Portion = Annotated[float, Field(ge=0, le=1)]
 
 
-class NoFault(Part):
+class Fault(Part):
+    """What goes wrong."""
+
+
+class NoFault(Fault):
     """All goes well."""
 
     target: Literal["sextant.data.localization.faults.NoFault"] = Field(alias="_target_")
 
 
-class Kidnap(Part):
+class Kidnap(Fault):
     """The robot is carried elsewhere."""
 
     target: Literal["sextant.data.localization.faults.Kidnap"] = Field(alias="_target_")
@@ -26,7 +30,7 @@ class Kidnap(Part):
     after: Count | None = Field(examples=[100])
 
 
-class WrongStart(Part):
+class WrongStart(Fault):
     """The filter starts around a wrong pose."""
 
     target: Literal["sextant.data.localization.faults.WrongStart"] = Field(alias="_target_")
@@ -34,14 +38,14 @@ class WrongStart(Part):
     heading_deg: Annotated[float, Field(ge=0, le=180)] = Field(examples=[90.0])
 
 
-class DroppedFrames(Part):
+class DroppedFrames(Fault):
     """Images are lost at random."""
 
     target: Literal["sextant.data.localization.faults.DroppedFrames"] = Field(alias="_target_")
     share: Portion = Field(examples=[0.5])
 
 
-class Blackout(Part):
+class Blackout(Fault):
     """No image arrives for a while."""
 
     target: Literal["sextant.data.localization.faults.Blackout"] = Field(alias="_target_")
@@ -49,7 +53,7 @@ class Blackout(Part):
     length: Count = Field(examples=[30])
 
 
-class OdometryScale(Part):
+class OdometryScale(Fault):
     """Wheels of another size."""
 
     target: Literal["sextant.data.localization.faults.OdometryScale"] = Field(alias="_target_")
@@ -57,7 +61,7 @@ class OdometryScale(Part):
     turn: Positive = Field(examples=[1.0])
 
 
-class OdometrySlip(Part):
+class OdometrySlip(Fault):
     """Wheels that slip."""
 
     target: Literal["sextant.data.localization.faults.OdometrySlip"] = Field(alias="_target_")
@@ -66,7 +70,7 @@ class OdometrySlip(Part):
     kind: Literal["spinning", "sliding"]
 
 
-class MissingOdometry(Part):
+class MissingOdometry(Fault):
     """Odometry is missing for a while."""
 
     target: Literal["sextant.data.localization.faults.MissingOdometry"] = Field(alias="_target_")
@@ -74,7 +78,7 @@ class MissingOdometry(Part):
     length: Count = Field(examples=[10])
 
 
-class NoisyMapPoses(Part):
+class NoisyMapPoses(Fault):
     """Images of the map were taken elsewhere."""
 
     target: Literal["sextant.data.localization.faults.NoisyMapPoses"] = Field(alias="_target_")
@@ -82,38 +86,21 @@ class NoisyMapPoses(Part):
     heading_deg: NonNegative = Field(examples=[5.0])
 
 
-class ThinnedMap(Part):
+class ThinnedMap(Fault):
     """A map of fewer images."""
 
     target: Literal["sextant.data.localization.faults.ThinnedMap"] = Field(alias="_target_")
     keep: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.25])
 
 
-class WrongSeasonMap(Part):
+class WrongSeasonMap(Fault):
     """A map made under another condition."""
 
     target: Literal["sextant.data.localization.faults.WrongSeasonMap"] = Field(alias="_target_")
     condition: str = Field(examples=["winter_noon"])
 
 
-Fault = Annotated[
-    NoFault
-    | Kidnap
-    | WrongStart
-    | DroppedFrames
-    | Blackout
-    | OdometryScale
-    | OdometrySlip
-    | MissingOdometry
-    | NoisyMapPoses
-    | ThinnedMap
-    | WrongSeasonMap
-    | CustomPart,
-    CHOSEN_BY_TARGET,
-]
-
-
 class FaultSuite(Node):
     """Several faults, each tested in runs of its own."""
 
-    faults: Annotated[dict[str, Fault], Field(min_length=1)]
+    faults: Annotated[dict[str, Choice[Fault]], Field(min_length=1)]

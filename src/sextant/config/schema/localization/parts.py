@@ -5,9 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import (
-    CHOSEN_BY_TARGET,
     Count,
-    CustomPart,
     Node,
     NonNegative,
     Part,
@@ -20,7 +18,11 @@ from sextant.config.schema.splits import ImageSide
 # -- descriptor --------------------------------------------------------------------------------------------------------
 
 
-class PixelsDescriptor(Part):
+class Descriptor(Part):
+    """What an image is described by."""
+
+
+class PixelsDescriptor(Descriptor):
     """Standardised pixels."""
 
     target: Literal["sextant.baselines.Pixels"] = Field(alias="_target_")
@@ -28,7 +30,7 @@ class PixelsDescriptor(Part):
     width: ImageSide = Field(examples=[48])
 
 
-class PatchNormalisedDescriptor(Part):
+class PatchNormalisedDescriptor(Descriptor):
     """Patch-normalised pixels."""
 
     target: Literal["sextant.baselines.PatchNormalised"] = Field(alias="_target_")
@@ -36,7 +38,7 @@ class PatchNormalisedDescriptor(Part):
     width: ImageSide = Field(examples=[48])
 
 
-class HogDescriptor(Part):
+class HogDescriptor(Descriptor):
     """Histograms of oriented gradients."""
 
     target: Literal["sextant.baselines.Hog"] = Field(alias="_target_")
@@ -44,7 +46,7 @@ class HogDescriptor(Part):
     width: ImageSide = Field(examples=[48])
 
 
-class WhitenedPCADescriptor(Part):
+class WhitenedPCADescriptor(Descriptor):
     """Whitened principal components of the map's pixels."""
 
     target: Literal["sextant.baselines.WhitenedPCA"] = Field(alias="_target_")
@@ -54,41 +56,34 @@ class WhitenedPCADescriptor(Part):
     most_images: Count = Field(examples=[10000])
 
 
-class TrainedDescriptor(Part):
+class TrainedDescriptor(Descriptor):
     """The network of a run of place recognition."""
 
     target: Literal["sextant.cli.descriptors.TrainedDescriptor"] = Field(alias="_target_")
     run: str = Field(examples=["place_recognition/1a2b3c4d-s0"])
 
 
-class DescriptorFiles(Part):
+class DescriptorFiles(Descriptor):
     """Vectors that were computed elsewhere."""
 
     target: Literal["sextant.cli.descriptors.DescriptorFiles"] = Field(alias="_target_")
     folder: str = Field(examples=["descriptors"])
 
 
-Descriptor = Annotated[
-    PixelsDescriptor
-    | PatchNormalisedDescriptor
-    | HogDescriptor
-    | WhitenedPCADescriptor
-    | TrainedDescriptor
-    | DescriptorFiles
-    | CustomPart,
-    CHOSEN_BY_TARGET,
-]
-
 # -- observation -------------------------------------------------------------------------------------------------------
 
 
-class ExactGP(Part):
+class Observation(Part):
+    """What an image says about the pose that it was taken at."""
+
+
+class ExactGP(Observation):
     """The whole Gaussian process."""
 
     target: Literal["sextant.localization.observation.ExactGP"] = Field(alias="_target_")
 
 
-class LocalGP(Part):
+class LocalGP(Observation):
     """A Gaussian process of the nearest map images of each pose."""
 
     target: Literal["sextant.localization.observation.LocalGP"] = Field(alias="_target_")
@@ -96,7 +91,7 @@ class LocalGP(Part):
     neighbourhood: Literal["own", "nearest_image"]
 
 
-class CachedLocalGP(Part):
+class CachedLocalGP(Observation):
     """The same, its neighbourhoods solved once."""
 
     target: Literal["sextant.localization.observation.CachedLocalGP"] = Field(alias="_target_")
@@ -105,7 +100,7 @@ class CachedLocalGP(Part):
     map_evidence: Literal["image", "mean"]
 
 
-class SGPR(Part):
+class SGPR(Observation):
     """Sparse Gaussian process, inducing poses, closed form."""
 
     target: Literal["sextant.localization.observation.SGPR"] = Field(alias="_target_")
@@ -113,7 +108,7 @@ class SGPR(Part):
     seed: Seed = Field(examples=[0])
 
 
-class SVGP(Part):
+class SVGP(Observation):
     """Sparse Gaussian process, inducing poses, fitted by minibatches."""
 
     target: Literal["sextant.localization.observation.SVGP"] = Field(alias="_target_")
@@ -123,7 +118,7 @@ class SVGP(Part):
     seed: Seed = Field(examples=[0])
 
 
-class SKI(Part):
+class SKI(Observation):
     """Interpolation on a grid of poses."""
 
     target: Literal["sextant.localization.observation.SKI"] = Field(alias="_target_")
@@ -132,7 +127,7 @@ class SKI(Part):
     seed: Seed = Field(examples=[0])
 
 
-class RandomFeatures(Part):
+class RandomFeatures(Observation):
     """Random Fourier features."""
 
     target: Literal["sextant.localization.observation.RandomFeatures"] = Field(alias="_target_")
@@ -140,14 +135,14 @@ class RandomFeatures(Part):
     seed: Seed = Field(examples=[0])
 
 
-class KernelSum(Part):
+class KernelSum(Observation):
     """The kernel sum of a rival method."""
 
     target: Literal["sextant.localization.observation.KernelSum"] = Field(alias="_target_")
     neighbours: Count = Field(examples=[3])
 
 
-class LikelihoodField(Part):
+class LikelihoodField(Observation):
     """A laser, by the distance of its end points from the nearest obstacle."""
 
     target: Literal["sextant.localization.laser.LikelihoodField"] = Field(alias="_target_")
@@ -159,7 +154,7 @@ class LikelihoodField(Part):
     beams: Count = Field(examples=[60])
 
 
-class BeamModel(Part):
+class BeamModel(Observation):
     """A laser, by rays cast in the grid."""
 
     target: Literal["sextant.localization.laser.BeamModel"] = Field(alias="_target_")
@@ -172,35 +167,8 @@ class BeamModel(Part):
     beams: Count = Field(examples=[60])
 
 
-OBSERVATIONS = (
-    ExactGP,
-    LocalGP,
-    CachedLocalGP,
-    SGPR,
-    SVGP,
-    SKI,
-    RandomFeatures,
-    KernelSum,
-    LikelihoodField,
-    BeamModel,
-)
 #: laser models, which need a grid and scans
 LASERS = (LikelihoodField, BeamModel)
-
-Observation = Annotated[
-    ExactGP
-    | LocalGP
-    | CachedLocalGP
-    | SGPR
-    | SVGP
-    | SKI
-    | RandomFeatures
-    | KernelSum
-    | LikelihoodField
-    | BeamModel
-    | CustomPart,
-    CHOSEN_BY_TARGET,
-]
 
 
 class PoseKernel(Node):
@@ -225,7 +193,11 @@ class Likelihood(Node):
 Triple = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
 
 
-class ExponentialMotion(Part):
+class Motion(Part):
+    """Where a particle moves."""
+
+
+class ExponentialMotion(Motion):
     """Noise in se(2)."""
 
     target: Literal["sextant.localization.motion.ExponentialMotion"] = Field(alias="_target_")
@@ -235,7 +207,7 @@ class ExponentialMotion(Part):
     unknown: Triple | None = Field(default=None, examples=["[0.5,0.2,0.2]"])
 
 
-class OdometryMotion(Part):
+class OdometryMotion(Motion):
     """Noise in a rotation, a translation and a rotation."""
 
     target: Literal["sextant.localization.motion.OdometryMotion"] = Field(alias="_target_")
@@ -244,29 +216,30 @@ class OdometryMotion(Part):
     unknown: Triple = Field(default=[0.5, 0.2, 0.2], examples=["[0.5,0.2,0.2]"])
 
 
-class IdentityMotion(Part):
+class IdentityMotion(Motion):
     """A robot that does not move."""
 
     target: Literal["sextant.localization.motion.IdentityMotion"] = Field(alias="_target_")
 
 
-Motion = Annotated[ExponentialMotion | OdometryMotion | IdentityMotion | CustomPart, CHOSEN_BY_TARGET]
+class Recovery(Part):
+    """What helps a filter that is lost."""
 
 
-class NoRecovery(Part):
+class NoRecovery(Recovery):
     """None."""
 
     target: Literal["sextant.localization.recovery.NoRecovery"] = Field(alias="_target_")
 
 
-class UniformInjection(Part):
+class UniformInjection(Recovery):
     """Some particles from anywhere."""
 
     target: Literal["sextant.localization.recovery.UniformInjection"] = Field(alias="_target_")
     share: Share = Field(examples=[0.05])
 
 
-class AugmentedMCL(Part):
+class AugmentedMCL(Recovery):
     """Particles from anywhere when the likelihood falls."""
 
     target: Literal["sextant.localization.recovery.AugmentedMCL"] = Field(alias="_target_")
@@ -276,7 +249,7 @@ class AugmentedMCL(Part):
     most: Share = Field(examples=[0.5])
 
 
-class TopKInjection(Part):
+class TopKInjection(Recovery):
     """Particles where the image is found, weighted by it again."""
 
     target: Literal["sextant.localization.recovery.TopKInjection"] = Field(alias="_target_")
@@ -284,18 +257,13 @@ class TopKInjection(Part):
     top: Count = Field(examples=[10])
 
 
-class BayesRestart(Part):
+class BayesRestart(Recovery):
     """Particles where the image is found, weighted as a kidnapping is likely."""
 
     target: Literal["sextant.localization.recovery.BayesRestart"] = Field(alias="_target_")
     hazard: Share = Field(examples=[0.001])
     share: Share = Field(examples=[0.1])
     weigh_jitter: bool
-
-
-Recovery = Annotated[
-    NoRecovery | UniformInjection | AugmentedMCL | TopKInjection | BayesRestart | CustomPart, CHOSEN_BY_TARGET
-]
 
 
 class KLDSize(Node):

@@ -12,6 +12,10 @@ FrameRange = Annotated[list[Annotated[int, Field(ge=0)] | None], Field(min_lengt
 Traverses = dict[str, str]
 
 
+class Places(Part):
+    """A dataset of places."""
+
+
 class RangeBySplit(Node):
     """A range of frames for each split."""
 
@@ -20,7 +24,7 @@ class RangeBySplit(Node):
     test: FrameRange = Field(examples=["[1650,2400]"])
 
 
-class Nordland(Part):
+class Nordland(Places):
     """Aligned frames in a folder a season."""
 
     target: Literal["sextant.data.places.Nordland"] = Field(alias="_target_")
@@ -33,7 +37,7 @@ class Nordland(Part):
     skip_bad: bool
 
 
-class PlaceFolders(Part):
+class PlaceFolders(Places):
     """The user's own places."""
 
     target: Literal["sextant.data.places.PlaceFolders"] = Field(alias="_target_")

@@ -4,17 +4,21 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from sextant.config.schema.parts import CHOSEN_BY_TARGET, Count, CustomPart, Node, NonNegative, Part, Positive
+from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive
 from sextant.config.schema.splits import ImageSide
 
 
-class Average(Part):
+class Pooling(Part):
+    """How a feature map becomes a vector."""
+
+
+class Average(Pooling):
     """Means of the channels."""
 
     target: Literal["sextant.models.pooling.Average"] = Field(alias="_target_")
 
 
-class GeM(Part):
+class GeM(Pooling):
     """Generalised means of the channels."""
 
     target: Literal["sextant.models.pooling.GeM"] = Field(alias="_target_")
@@ -22,21 +26,21 @@ class GeM(Part):
     train_p: bool
 
 
-class Flatten(Part):
+class Flatten(Pooling):
     """All cells of all channels."""
 
     target: Literal["sextant.models.pooling.Flatten"] = Field(alias="_target_")
     grid: list[Count] | None = Field(min_length=2, max_length=2, examples=["[3,4]"])
 
 
-class NetVLAD(Part):
+class NetVLAD(Pooling):
     """Residuals to learnt centres."""
 
     target: Literal["sextant.models.pooling.NetVLAD"] = Field(alias="_target_")
     clusters: int = Field(ge=2, le=1024, examples=[16])
 
 
-class FeatureMixer(Part):
+class FeatureMixer(Pooling):
     """Mixing of cells, then of channels."""
 
     target: Literal["sextant.models.pooling.FeatureMixer"] = Field(alias="_target_")
@@ -46,10 +50,11 @@ class FeatureMixer(Part):
     ratio: Positive = Field(examples=[1.0])
 
 
-Pooling = Annotated[Average | GeM | Flatten | NetVLAD | FeatureMixer | CustomPart, CHOSEN_BY_TARGET]
+class PlaceLoss(Part):
+    """A loss of place descriptors."""
 
 
-class TripletRatioLoss(Part):
+class TripletRatioLoss(PlaceLoss):
     """The ratio loss."""
 
     target: Literal["sextant.losses.TripletRatioLoss"] = Field(alias="_target_")
@@ -57,7 +62,7 @@ class TripletRatioLoss(Part):
     pair_weight: NonNegative = Field(examples=[0.0])
 
 
-class TripletMarginLoss(Part):
+class TripletMarginLoss(PlaceLoss):
     """The margin loss."""
 
     target: Literal["sextant.losses.TripletMarginLoss"] = Field(alias="_target_")
@@ -65,28 +70,28 @@ class TripletMarginLoss(Part):
     squared: bool
 
 
-class SoftMarginLoss(Part):
+class SoftMarginLoss(PlaceLoss):
     """The margin loss without a corner."""
 
     target: Literal["sextant.losses.SoftMarginLoss"] = Field(alias="_target_")
     scale: Positive = Field(examples=[1.0])
 
 
-class ContrastiveLoss(Part):
+class ContrastiveLoss(PlaceLoss):
     """The contrastive loss."""
 
     target: Literal["sextant.losses.ContrastiveLoss"] = Field(alias="_target_")
     margin: Positive = Field(examples=[0.5])
 
 
-class InfoNCELoss(Part):
+class InfoNCELoss(PlaceLoss):
     """Cross-entropy of positives among negatives."""
 
     target: Literal["sextant.losses.InfoNCELoss"] = Field(alias="_target_")
     temperature: Positive = Field(examples=[0.07])
 
 
-class MultiSimilarityLoss(Part):
+class MultiSimilarityLoss(PlaceLoss):
     """The multi-similarity loss."""
 
     target: Literal["sextant.losses.MultiSimilarityLoss"] = Field(alias="_target_")
@@ -96,43 +101,37 @@ class MultiSimilarityLoss(Part):
     epsilon: NonNegative | None = Field(examples=[0.1])
 
 
-PLACE_LOSSES = (
-    TripletRatioLoss,
-    TripletMarginLoss,
-    SoftMarginLoss,
-    ContrastiveLoss,
-    InfoNCELoss,
-    MultiSimilarityLoss,
-)
+class Mining(Part):
+    """Which images of a batch a loss compares."""
 
 
-class NoMining(Part):
+class NoMining(Mining):
     """All pairs of a batch."""
 
     target: Literal["sextant.retrieval.NoMining"] = Field(alias="_target_")
 
 
-class RandomMining(Part):
+class RandomMining(Mining):
     """Triplets drawn at random."""
 
     target: Literal["sextant.retrieval.RandomMining"] = Field(alias="_target_")
     per_anchor: Count = Field(examples=[1])
 
 
-class SemiHardMining(Part):
+class SemiHardMining(Mining):
     """Negatives a little further than the positive."""
 
     target: Literal["sextant.retrieval.SemiHardMining"] = Field(alias="_target_")
     margin: Positive = Field(examples=[0.1])
 
 
-class BatchHardMining(Part):
+class BatchHardMining(Mining):
     """The hardest of the batch."""
 
     target: Literal["sextant.retrieval.BatchHardMining"] = Field(alias="_target_")
 
 
-class CachedHardMining(Part):
+class CachedHardMining(Mining):
     """The hardest of a sample of the training set."""
 
     target: Literal["sextant.retrieval.CachedHardMining"] = Field(alias="_target_")
@@ -141,11 +140,6 @@ class CachedHardMining(Part):
     candidates: Count = Field(examples=[1000])
     negatives: Count = Field(examples=[10])
     positive: Literal["nearest", "random", "furthest"]
-
-
-Mining = Annotated[
-    NoMining | RandomMining | SemiHardMining | BatchHardMining | CachedHardMining | CustomPart, CHOSEN_BY_TARGET
-]
 
 
 class Tolerance(Node):
