@@ -111,7 +111,7 @@ def test_composes_validates_and_builds(group, option):
     elif choice in ("observation=laser_field", "observation=laser_beam"):
         assert build(raw, group, grid=GRID, scanner=SCANNER, tempering=0.5).tempering == 0.5
     elif choice == "corruption=files":
-        with pytest.raises(UserError, match=r"there is no labels\.npy"):
+        with pytest.raises(UserError, match=r"has no labels\.npy"):
             build(raw, group)
     elif group not in NOT_BUILT:
         assert build(raw, group) is not None
