@@ -25,32 +25,12 @@ from sextant.config.schema.localization.parts import (
 )
 from sextant.config.schema.networks import Backbone, Inhibition
 from sextant.config.schema.optimization import Optimizer, Schedule
-from sextant.config.schema.parts import Choice, CustomPart, Node, Part, Seed, known_targets, named_targets
+from sextant.config.schema.parts import Choice, CustomPart, Node, Seed, known_targets, named_targets
 from sextant.config.schema.places.datasets import Places
 from sextant.config.schema.places.parts import Mining, PlaceLoss, Pooling
 from sextant.config.schema.sweeps import Sweep
-from sextant.config.schema.tasks import Task
+from sextant.config.schema.tasks import Task, owners
 from sextant.config.schema.world_datasets import World
-
-#: groups that only some tasks use: which may have them, and which need them
-NETWORKS = ("classification", "calibration", "place_recognition")
-OWNED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    **dict.fromkeys(("backbone", "inhibition"), ((*NETWORKS, "cosfire"), NETWORKS)),
-    "augmentation": (("classification", "cosfire"), ()),
-    "loss": (LEARNT := ("calibration", "place_recognition"), LEARNT),
-    **dict.fromkeys(("parameterization", "sampling"), (CALIBRATION := ("calibration",), CALIBRATION)),
-    "test_sampling": (CALIBRATION, ()),
-    **dict.fromkeys(("pooling", "mining"), (PLACES := ("place_recognition",), PLACES)),
-    "faults": (LOCALIZATION := ("localization",), ()),
-    **dict.fromkeys(
-        ("kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault"),
-        (LOCALIZATION, LOCALIZATION),
-    ),
-    "descriptor": (("localization", "cosfire"), LOCALIZATION),
-    **dict.fromkeys(("features", "bank", "strategy", "filters"), (COSFIRE := ("cosfire",), COSFIRE)),
-}
-#: losses of the tasks that have a choice of them
-LOSSES_OF: dict[str, type[Part]] = {"calibration": CameraLoss, "place_recognition": PlaceLoss}
 
 
 class Config(Node):
@@ -107,12 +87,12 @@ class Config(Node):
 
     @model_validator(mode="after")
     def _groups_belong_to_the_task(self) -> Self:
-        for name, (tasks, needing) in OWNED.items():
+        for name, tasks in owners().items():
             if self.task.name not in tasks and getattr(self, name) is not None:
                 raise ValueError(f"{name} belongs to task={' or '.join(tasks)}; leave it out, or choose that task")
-            if self.task.name in needing and getattr(self, name) is None:
+            if name in self.task.needs and getattr(self, name) is None:
                 raise ValueError(f"{name} is missing: task={self.task.name} needs one")
-        if self.loss is not None and not isinstance(self.loss, LOSSES_OF[self.task.name] | CustomPart):
+        if self.loss is not None and not isinstance(self.loss, self.task.loss_kind | CustomPart):
             raise ValueError(f"loss={self.loss.target} is not one of task={self.task.name}")
         return self
 

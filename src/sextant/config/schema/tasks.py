@@ -1,11 +1,12 @@
 """The families of method."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.parts import Count, Node, Positive, Seed, Share, distinct
-from sextant.config.schema.places.parts import OffTheShelf, PlaceAugmentation, ToleranceByUnit, Whitening
+from sextant.config.schema.calibration.cameras import CameraLoss
+from sextant.config.schema.parts import Count, Node, Part, Positive, Seed, Share, distinct
+from sextant.config.schema.places.parts import OffTheShelf, PlaceAugmentation, PlaceLoss, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
 
 RecognitionMethod = Literal[
@@ -24,8 +25,25 @@ def once(values: list[str]) -> list[str]:
     return values
 
 
-class ClassificationTask(Node):
+class TaskNode(Node):
+    """What tasks have in common.
+
+    Attributes:
+        needs: groups of a config without which the task cannot run.
+        takes: groups that it may have besides; groups of other tasks it refuses.
+        loss_kind: of the group ``loss``, for a task that needs it.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ()
+    takes: ClassVar[tuple[str, ...]] = ()
+    loss_kind: ClassVar[type[Part]] = Part
+
+
+class ClassificationTask(TaskNode):
     """Image classification."""
+
+    needs = ("backbone", "inhibition")
+    takes = ("augmentation",)
 
     name: Literal["classification"]
     validation_fraction: Share = Field(examples=[0.1])
@@ -34,8 +52,12 @@ class ClassificationTask(Node):
     test_checkpoint: Literal["last", "best"]
 
 
-class CalibrationTask(Node):
+class CalibrationTask(TaskNode):
     """Calibration from one image."""
+
+    needs = ("backbone", "inhibition", "loss", "parameterization", "sampling")
+    takes = ("test_sampling",)
+    loss_kind = CameraLoss
 
     name: Literal["calibration"]
     width: ImageSide = Field(examples=[96])
@@ -49,8 +71,11 @@ class CalibrationTask(Node):
     test_checkpoint: Literal["last", "best"]
 
 
-class PlaceRecognitionTask(Node):
+class PlaceRecognitionTask(TaskNode):
     """Place recognition by a descriptor."""
+
+    needs = ("backbone", "inhibition", "loss", "pooling", "mining")
+    loss_kind = PlaceLoss
 
     name: Literal["place_recognition"]
     dimension: int = Field(ge=1, le=65536, examples=[128])
@@ -85,8 +110,11 @@ class PlaceRecognitionTask(Node):
         return self
 
 
-class LocalizationTask(Node):
+class LocalizationTask(TaskNode):
     """Localization in a map of images at known poses."""
+
+    needs = ("kernel", "observation", "likelihood", "motion", "filter", "recovery", "fault", "descriptor")
+    takes = ("faults",)
 
     name: Literal["localization"]
     objective: Literal["joint", "vecchia"]
@@ -127,8 +155,11 @@ class FineTune(Node):
     lr: Positive = Field(examples=[0.001])
 
 
-class CosfireTask(Node):
+class CosfireTask(TaskNode):
     """Recognition by filters that are configured from examples."""
+
+    needs = ("features", "bank", "strategy", "filters")
+    takes = ("backbone", "inhibition", "augmentation", "descriptor")
 
     name: Literal["cosfire"]
     validation_fraction: Share = Field(examples=[0.1])
@@ -164,3 +195,12 @@ Task = Annotated[
     ClassificationTask | CalibrationTask | PlaceRecognitionTask | LocalizationTask | CosfireTask,
     Field(discriminator="name"),
 ]
+
+
+def owners() -> dict[str, list[str]]:
+    """The groups that only some tasks use, and the names of those."""
+    found: dict[str, list[str]] = {}
+    for task in get_args(get_args(Task)[0]):
+        for group in (*task.needs, *task.takes):
+            found.setdefault(group, []).extend(get_args(task.model_fields["name"].annotation))
+    return found
