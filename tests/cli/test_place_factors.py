@@ -137,7 +137,7 @@ def test_nothing_is_trained_on_it(tmp_path):
     chosen = ["task=place_recognition", *TOWN, f"paths.outputs={tmp_path}", "tracking=none"]
     raw = to_plain(compose(chosen))
     family, parsed = recipe_of("place_recognition"), validate(raw)
-    with pytest.raises(UserError, match=r"is for tests.*\n.*evaluate\.py run=<run> dataset=town_factors"):
+    with pytest.raises(UserError, match=r"is for tests.*\n.*sextant evaluate run=<run> dataset=town_factors"):
         family.check(family.source(parsed))
 
 

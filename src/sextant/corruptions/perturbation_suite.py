@@ -7,7 +7,6 @@ from torch import Tensor
 
 from sextant.corruptions.contract import Indices
 from sextant.corruptions.eight_bit import eight_bit
-from sextant.corruptions.perturbations import cifar10_p
 from sextant.corruptions.suite import Condition, CorruptionSuite
 from sextant.errors import ArgumentError
 
@@ -27,6 +26,8 @@ class PerturbationSuite(CorruptionSuite):
     """
 
     def __init__(self, names: Sequence[str] | None = None, seed: int = 0):
+        from sextant.corruptions.perturbations import cifar10_p  # machine code, loaded only when it is needed
+
         there = cifar10_p()
         if names is not None and (not names or not set(names) <= set(there)):
             given = "[" + ", ".join(names) + "]"

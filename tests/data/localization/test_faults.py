@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from sextant.config.schema.localization.faults import Fault as FaultSchema
+from sextant.config.schema.parts import Choice
 from sextant.data.localization import LocalizationData, faults
 from sextant.data.localization.motions import motions_along
 from sextant.errors import UserError
@@ -237,7 +238,7 @@ def configs():
 
 
 def test_every_fault_has_a_config_of_its_usual_values():
-    schema = TypeAdapter(FaultSchema)
+    schema = TypeAdapter(Choice[FaultSchema])
     built = set()
     for name, config in configs().items():
         if name == "wrong_season_map":
@@ -257,4 +258,4 @@ def test_every_fault_has_a_config_of_its_usual_values():
 )  # fmt: skip
 def test_configs_with_mistakes_are_refused(name, wrong):
     with pytest.raises(ValidationError):
-        TypeAdapter(FaultSchema).validate_python(configs()[name] | wrong)
+        TypeAdapter(Choice[FaultSchema]).validate_python(configs()[name] | wrong)

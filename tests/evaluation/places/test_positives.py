@@ -71,7 +71,7 @@ def test_positives_outside_the_references_are_refused(lists):
 
 def test_broken_rows_are_refused():
     for starts, indices in (([0, 1], []), ([0, 2], [1, 1]), ([0, 2, 1, 3], [0, 1, 2])):
-        with pytest.raises(ValueError, match=r"starts|rise"):
+        with pytest.raises(ValueError, match=r"starts|ascending"):
             Positives(np.array(starts, np.int64), np.array(indices, np.int64), 4)
 
 
