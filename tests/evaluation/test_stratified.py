@@ -47,6 +47,13 @@ def test_a_stratum_of_one_run_is_not_compared():
     assert stratified_difference([]) is None
 
 
+def test_the_interval_is_cut_at_the_largest_difference():
+    pair = [(Sample(2, 90.0, 5.0), Sample(2, 5.0, 7.0))]
+    free, cut = stratified_difference(pair), stratified_difference(pair, largest=100)
+    assert free.high > 100
+    assert (cut.low, cut.high, cut.p_value) == (free.low, 100, free.p_value)
+
+
 def test_groups_without_spread_differ_or_do_not():
     same, more = Sample(3, 1.0, 0.0), Sample(3, 2.0, 0.0)
     assert stratified_difference([(same, same)]).p_value == 1

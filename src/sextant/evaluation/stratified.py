@@ -66,7 +66,7 @@ class StratifiedDifference:
 
 
 def stratified_difference(
-    strata: Sequence[tuple[Sample, Sample]], confidence: float = 0.95
+    strata: Sequence[tuple[Sample, Sample]], confidence: float = 0.95, largest: float = math.inf
 ) -> StratifiedDifference | None:
     """Compare two groups within each stratum, and the strata together; of one stratum this is Welch's t test.
 
@@ -80,6 +80,7 @@ def stratified_difference(
     Args:
         strata: treatment and control of each.
         confidence: coverage of the interval, in (0, 1).
+        largest: that a difference can be either way; the interval is cut there, which takes no true value out of it.
 
     Returns:
         The difference; None where a group of a stratum has fewer than two runs, or there is no stratum.
@@ -101,4 +102,5 @@ def stratified_difference(
     freedom = error**4 / sum(part**2 / (sample.count - 1) for part, sample in zip(parts, groups, strict=True))
     half = float(stats.t.ppf((1 + confidence) / 2, freedom)) * error
     p_value = float(2 * stats.t.sf(abs(mean) / error, freedom))
-    return StratifiedDifference(mean, mean - half, mean + half, freedom, p_value)
+    low, high = max(mean - half, -largest), min(mean + half, largest)
+    return StratifiedDifference(mean, low, high, freedom, p_value)

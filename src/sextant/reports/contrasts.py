@@ -133,8 +133,7 @@ def _difference(pairs: list[Pair], condition: str, method: str) -> PairedDiffere
     treatment, control = (np.stack(arm) for arm in arms)
     chosen: Method = "bootstrap" if method == "bootstrap" else "t"
     measure = sides[0][0].measure
-    largest = 100.0 if measure.is_share else math.inf
-    return paired_difference(treatment, control, method=chosen, better=measure.better, largest=largest)
+    return paired_difference(treatment, control, method=chosen, better=measure.better, largest=measure.largest)
 
 
 def _mean_of_all(pairs: list[Pair], condition: str) -> float:

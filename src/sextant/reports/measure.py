@@ -1,5 +1,6 @@
 """What a report counts: how images become one number of a run, in which unit, and which way is better."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -49,6 +50,11 @@ class Measure:
     def is_share(self) -> bool:
         """Whether the number of a run is a share, in per cent."""
         return self.unit == "%"
+
+    @property
+    def largest(self) -> float:
+        """Beyond which no difference can be, either way."""
+        return 100.0 if self.is_share else math.inf
 
     def interval(self, values: Float[ndarray, "seeds"], trials: int) -> tuple[float, float]:
         """The 95 % interval of the mean over seeds: of shares one that stays within 0 and 100, else Student's t.

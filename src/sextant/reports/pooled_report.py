@@ -73,7 +73,10 @@ def pooled_rows(results: SweepResults) -> list[PooledRow]:
         if len(families) > 1:
             families[TOGETHER] = results.settings
         for label, settings in families.items():
-            found = [_row(name, label, c, [samples[setting, c] for setting in settings]) for c in results.conditions]
+            found = [
+                _row(name, label, c, [samples[setting, c] for setting in settings], results.measure.largest)
+                for c in results.conditions
+            ]
             adjusted = holm([math.nan if row.difference is None else row.difference.p_value for row in found])
             rows += [replace(row, p_holm=p) for row, p in zip(found, adjusted, strict=True)]
     return rows
@@ -113,9 +116,11 @@ def _sample(results: SweepResults, setting: str, arms: Sequence[str], condition:
     return Sample.of(np.array([cell.value(condition) for cell in cells], float))
 
 
-def _row(contrast: str, label: str, condition: str, strata: Sequence[tuple[Sample, Sample]]) -> PooledRow:
+def _row(
+    contrast: str, label: str, condition: str, strata: Sequence[tuple[Sample, Sample]], largest: float
+) -> PooledRow:
     treatment, control = (sum(pair[side].count for pair in strata) for side in (0, 1))
-    return PooledRow(contrast, label, condition, treatment, control, stratified_difference(strata))
+    return PooledRow(contrast, label, condition, treatment, control, stratified_difference(strata, largest=largest))
 
 
 def _legend(results: SweepResults) -> str:
