@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from time_limit import time_limit
+from time_limit import end_workers, time_limit
 from xdist.scheduler import LoadScopeScheduling
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when torch is imported; the workers of pytest-xdist fill the cores
@@ -45,7 +45,10 @@ def pytest_collection_modifyitems(items):
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
     with nullcontext() if item.get_closest_marker("slow") else time_limit():
-        return (yield)
+        try:
+            return (yield)
+        finally:
+            end_workers()
 
 
 @pytest.fixture(scope="session")

@@ -37,10 +37,11 @@ def fill_disk(monkeypatch, name):
     monkeypatch.setattr(Path, "replace", refusing)
 
 
-def heeds_ctrl_c() -> None:
+def heeds_signals() -> None:
     """For ``preexec_fn`` of a child that is to be interrupted: a suite started by ``nohup`` or in the background of a
-    script ignores SIGINT, and children would inherit that.
+    script ignores SIGHUP or SIGINT, and children would inherit that.
     """
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 

@@ -4,9 +4,10 @@ import subprocess
 import sys
 import time
 
+import joblib
 import numba
 import pytest
-from time_limit import time_limit
+from time_limit import end_workers, time_limit
 
 
 def work(seconds):
@@ -34,6 +35,14 @@ def test_waiting_and_compiling_do_not_count():
     with time_limit(0.2):
         time.sleep(0.3)
         numba.njit(lambda x: sum([x**k for k in range(5)]))(1.5)
+
+
+def test_workers_count_where_they_worked():
+    with pytest.raises(pytest.fail.Exception), time_limit(2.0):
+        joblib.Parallel(2)(joblib.delayed(work)(1.5) for _ in range(2))
+        end_workers()
+    with time_limit(2.0):  # there are new ones
+        assert joblib.Parallel(2)(joblib.delayed(abs)(-x) for x in range(2)) == [0, 1]
 
 
 def test_an_error_within_stays_what_it_is():

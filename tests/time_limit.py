@@ -2,6 +2,7 @@
 
 import math
 import os
+import sys
 from contextlib import contextmanager
 
 import pytest
@@ -26,3 +27,10 @@ def time_limit(longest_s=LONGEST_S):
     spent = cpu_seconds() - before - sum(compiling)
     if spent > longest_s:
         pytest.fail(f"took {spent:.1f} CPU seconds, at most {longest_s:g}: shorten it, or mark it slow", pytrace=False)
+
+
+def end_workers():
+    """End the workers that joblib keeps for five minutes: their time would count in the test during which they end."""
+    loky = sys.modules.get("joblib.externals.loky.reusable_executor")
+    if loky is not None and loky._executor is not None:
+        loky._executor.shutdown(wait=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from rendered_toy import ToyPlan, contents
-from support import heeds_ctrl_c
+from support import heeds_signals
 
 from sextant import cli
 from sextant.data.rendered import open_store
@@ -135,7 +135,7 @@ def test_ctrl_c_says_how_far_it_was_and_the_same_command_resumes(tmp_path):
         stderr=subprocess.STDOUT,
         text=True,
         cwd=tmp_path,
-        preexec_fn=heeds_ctrl_c,
+        preexec_fn=heeds_signals,
     )
     deadline = time.monotonic() + 120
     while not any(path.stat().st_size for path in tmp_path.glob("data/*/journal.jsonl")):

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 from filelock import FileLock
-from support import heeds_ctrl_c
+from support import heeds_signals
 
 from sextant.cli import corruptions_make
 from sextant.corruptions import making
@@ -171,7 +171,7 @@ def test_an_interrupted_process_resumes_to_the_same_files(make, tmp_path):
     arguments = ["set=cifar10_c", f"input={tmp_path / 'many.npy'}", "names=contrast,glass_blur,fog"]
     command = [sys.executable, "-m", "sextant.corruptions", "make", *arguments, f"output={tmp_path / 'out'}"]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeds_ctrl_c
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeds_signals
     )
     while not (tmp_path / "out" / "contrast.npy").exists() and process.poll() is None:
         time.sleep(0.01)

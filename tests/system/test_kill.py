@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from support import QUICK, heeds_ctrl_c, quick_config
+from support import QUICK, heeds_signals, quick_config
 
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory, all_runs
@@ -129,7 +129,7 @@ def test_ctrl_c_ends_a_run_as_killed_and_the_same_command_resumes_it(tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        preexec_fn=heeds_ctrl_c,
+        preexec_fn=heeds_signals,
     )
     deadline = time.monotonic() + 300
     while not list(tmp_path.glob("runs/*/*/checkpoints/last.ckpt")) and time.monotonic() < deadline:

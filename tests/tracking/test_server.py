@@ -8,7 +8,7 @@ import time
 
 import psutil
 import pytest
-from support import heeds_ctrl_c
+from support import heeds_signals
 
 STARTER = """
 import sys
@@ -33,7 +33,7 @@ def descendants_of(process, number, still=lambda: True):
 @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGKILL, signal.SIGHUP, signal.SIGINT])
 def test_all_that_was_started_ends_with_its_starter(sent):
     starter = subprocess.Popen(
-        [sys.executable, "-c", STARTER, "sh", "-c", FAMILY], preexec_fn=heeds_ctrl_c, stderr=subprocess.DEVNULL
+        [sys.executable, "-c", STARTER, "sh", "-c", FAMILY], preexec_fn=heeds_signals, stderr=subprocess.DEVNULL
     )
     family = descendants_of(starter, 5)  # guard, shell, sleep, inner shell, its sleep
     starter.send_signal(sent)
