@@ -38,9 +38,12 @@ def test_waiting_and_compiling_do_not_count():
 
 
 def test_workers_count_where_they_worked():
-    with pytest.raises(pytest.fail.Exception), time_limit(2.0):
+    def ends_its_workers():
         joblib.Parallel(2)(joblib.delayed(work)(1.5) for _ in range(2))
         end_workers()
+
+    with pytest.raises(pytest.fail.Exception), time_limit(2.0):
+        ends_its_workers()
     with time_limit(2.0):  # there are new ones
         assert joblib.Parallel(2)(joblib.delayed(abs)(-x) for x in range(2)) == [0, 1]
 
