@@ -10,9 +10,9 @@ from pathlib import Path
 from sextant import cli
 from sextant.cli import corruptions_make, dashboard, gallery, predict, report
 from sextant.cli.arguments import parse_arguments
-from sextant.cli.cosfire_detection.options import options_from as detection_options
+from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.cli.evaluate import split_run
-from sextant.cli.photo_calibration.options import options_from as calibration_options
+from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.errors import UserError
@@ -117,19 +117,19 @@ def _predict(command: Command, words: list[str]) -> None:
     needed = ["run", "input", "output"]
     if "task" in given:
         needed = ["prototype", "input", "output"]
-        detection_options(given)
+        DetectionOptions.of(given)
     elif "map" in given:
         needed = ["run", "map", "queries"]
     elif "odometry" in given:
         needed = ["run", "input", "odometry"]
     else:
-        calibration_options(given)
+        CalibrationOptions.of(given)
     for key in needed:
         _among(f"{key}= of", command.text, [command.text] if key in given else [])
 
 
 def _report(command: Command, words: list[str]) -> None:
-    given = parse_arguments(words, report.KEYS, command.text)
+    given = parse_arguments(words, report.ReportOptions.meanings(), command.text)
     _among("sweep", given["sweep"], [*groups()["sweep"], SOMETHING])
 
 
@@ -140,7 +140,7 @@ def _data(command: Command, words: list[str]) -> None:
         raw = to_plain(compose(rest))
         checked(raw)
     elif verb == "gallery":
-        parse_arguments(rest, gallery.KEYS, command.text)
+        parse_arguments(rest, gallery.GalleryOptions.meanings(), command.text)
 
 
 def _runs(command: Command, words: list[str]) -> None:
@@ -152,7 +152,7 @@ def _doctor(command: Command, words: list[str]) -> None:
 
 
 def _dashboard(command: Command, words: list[str]) -> None:
-    parse_arguments(words, dashboard.KEYS, command.text)
+    parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
 
 def _nothing(command: Command, words: list[str]) -> None:
@@ -175,7 +175,7 @@ def _module(module: str, words: list[str]) -> None:
     """``python -m``: the benchmarks, and corruptions as files."""
     if module == "sextant.corruptions":
         _among(module, words[0], ["make"])
-        given = parse_arguments(words[1:], corruptions_make.KEYS, module)
+        given = parse_arguments(words[1:], corruptions_make.MakeOptions.meanings(), module)
         _among("set", given["set"], ["cifar10_c", "mnist_c", "imagenet_c"])
         return
     package, _, name = module.partition(".")

@@ -92,7 +92,7 @@ def test_a_damaged_store_is_listed_as_such(data, tmp_path):
         (["render"], "which dataset?"),
         (["render", "dataset=mnist"], "dataset=mnist is not rendered: there is nothing to do\nRendered datasets: "),
         (["render", "dataset=mnits"], "Did you mean dataset=mnist?"),
-        (["render", *TOY, "threads=none"], "threads=none must be a number from 1 to 256"),
+        (["render", *TOY, "threads=none"], "threads=none must be a whole number from 1 to 256"),
         (["render", "dataset=digits", "dataset._target_=rendered_toy.Nothing"], "cannot be built"),
         (["render", *TOY, "dataset.size=0"], "no item"),
         (["render", *TOY, "paths.cache=/proc/sextant"], "/proc/sextant cannot be written to"),

@@ -112,11 +112,11 @@ def cosfire(photos: Path, output: Path) -> Said:
 
 
 def localization(photos: Path, output: Path) -> Said:
-    from sextant.cli.localizing.options import options_from
+    from sextant.cli.localizing.options import LocalizingOptions
     from sextant.cli.localizing.predict import predict_poses
 
     output.mkdir()
-    rows = predict_poses(photos, str(photos), output, options_from({"replay": "none"}))
+    rows = predict_poses(photos, str(photos), output, LocalizingOptions.of({"replay": "none"}))
     return {row.name: row.problem or None for row in rows}
 
 

@@ -8,7 +8,7 @@ from PIL import Image
 from support import fill_disk
 
 from sextant.cli import predict, predict_handler, run
-from sextant.cli.photo_calibration.options import KEYS as CALIBRATION_KEYS
+from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.errors import UserError
 from sextant.recipes import RECIPES
 from sextant.runs.checkpoint import KEY
@@ -61,7 +61,7 @@ def test_help_has_every_key_in_one_column_and_its_meaning_in_another(capsys):
         predict.main(["--help"])
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
     assert [line.split()[0] for line in lines] == list(predict.KEYS)
-    assert set(CALIBRATION_KEYS) < set(predict.KEYS)
+    assert set(CalibrationOptions.meanings()) < set(predict.KEYS)
     (column,) = {line.index(meaning) for line, meaning in zip(lines, predict.KEYS.values(), strict=True)}
     assert all(line[column - 1] == " " for line in lines)
 

@@ -23,7 +23,7 @@ from sextant.atomic_files import write_sealed_json
 from sextant.cli import predict, predict_handler
 from sextant.cli.place_matching import gallery_pages
 from sextant.cli.place_matching.inputs import read_inputs
-from sextant.cli.place_matching.options import KEYS as PLACE_KEYS
+from sextant.cli.place_matching.options import PlaceOptions
 from sextant.cli.place_matching.predict import predict_places
 from sextant.composing.compose import compose, to_plain
 from sextant.data.places.tolerance import PlaceTolerance
@@ -413,7 +413,7 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
         ({"places": "gps"}, "places=gps must be one of none, csv, utm, name, order"),
         ({"tolerance": "-1"}, "tolerance=-1 must be a number from 0 up"),
         ({"tolerance": "nan"}, "tolerance=nan must be a number"),
-        ({"descriptors": "yes"}, "descriptors=yes must be one of false, true"),
+        ({"descriptors": "yes"}, "descriptors=yes must be true or false"),
         ({"input": "x"}, "input= does not go with map="),
         ({"camera": "one"}, "camera= does not go with map="),
         ({"queries": None}, "queries= is missing"),
@@ -442,9 +442,9 @@ def test_nothing_heavy_is_imported_for_a_mistake(rides, tmp_path):
 @pytest.mark.parametrize(
     ("places", "says"),
     [
-        ("csv", "neither map=.*has a table poses.csv"),
+        ("csv", "neither .*day nor the folder around it has a table poses.csv"),
         ("utm", "6 of 6 names contain no pose"),
-        ("order", "takes the i-th"),
+        ("order", "pairs the i-th"),
     ],
 )
 def test_a_truth_that_is_not_there(rides, tmp_path, places, says):
@@ -551,4 +551,4 @@ def test_help_tells_of_every_key(capsys):
     with pytest.raises(SystemExit):
         predict.main(["--help"])
     said = capsys.readouterr().out
-    assert all(f"\n  {key} " in said for key in ("map", "queries", *PLACE_KEYS))
+    assert all(f"\n  {key} " in said for key in ("map", "queries", *PlaceOptions.meanings()))

@@ -194,7 +194,7 @@ def test_help_names_every_key(capsys, arguments):
         corruptions_make.run(arguments)
     assert ended.value.code == 0
     said = capsys.readouterr().out
-    assert all(key in said for key in corruptions_make.KEYS)
+    assert all(key in said for key in corruptions_make.MakeOptions.meanings())
 
 
 def test_another_verb_is_not_understood(capsys):

@@ -228,7 +228,7 @@ def test_the_command_of_a_finished_run_sends_what_the_store_did_not_get(tmp_path
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["tracking=mlflow"], "tracking=mlflow: must be sqlite or server"),
+        (["tracking=mlflow"], "tracking=mlflow must be one of sqlite, server"),
         (["tracking=server"], "tracking.uri=: must be the address of the server"),
         (["tracking=server", "tracking.uri=localhost:5000"], "tracking.uri=localhost:5000: must be the address"),
         (["tracking.uri=http://127.0.0.1:9"], "tracking.uri=http://127.0.0.1:9 belongs to tracking=server"),

@@ -1,12 +1,118 @@
 """``key=value`` arguments of the commands that are not composed from a config."""
 
+import re
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
+from pydantic.fields import FieldInfo
 
 from sextant.config import nearest
 from sextant.errors import UserError
 
-Choice = TypeVar("Choice", bound=str)
+
+def _split(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    return [word.strip() for word in value.strip("()[] ").split(",") if word.strip()]
+
+
+#: values separated by commas, in brackets or not
+SPLIT = BeforeValidator(_split)
+UserPath = Annotated[Path, AfterValidator(Path.expanduser)]
+#: how a value of a type is written, and what messages call it
+WRITTEN = {int: ("[0-9]+", "a whole number"), float: (r"[^_\s]+", "a number"), bool: ("true|false", "true or false")}
+
+
+class Options(BaseModel):
+    """What a user may choose of a command.
+
+    A field is a key: its docstring is what ``--help`` says, its first example what a mistake is answered with. What is
+    allowed follows from its type and bounds, or is its title.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+    @classmethod
+    def fields(cls) -> dict[str, FieldInfo]:
+        """The fields by their keys."""
+        return {field.alias or name: field for name, field in cls.model_fields.items()}
+
+    @classmethod
+    def meanings(cls) -> dict[str, str]:
+        """The keys and what they mean."""
+        return {key: " ".join(str(field.description).split()) for key, field in cls.fields().items()}
+
+    @classmethod
+    def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:
+        """Read the values of these keys; other keys are someone else's.
+
+        Raises:
+            UserError: a key is missing, or a value is not one of those allowed.
+        """
+        fields = cls.fields()
+        own = {key: text for key, text in given.items() if key in fields and (text or not fields[key].is_required())}
+        try:
+            return cls.model_validate(own)
+        except ValidationError as error:
+            key = str(error.errors()[0]["loc"][0])
+        field = fields[key]
+        if key not in own:
+            raise UserError(f"{key}= is missing: {cls.meanings()[key]}", usage)
+        example = f"For example {key}={field.examples[0]}" if field.examples else None
+        raise UserError(f"{key}={given[key]} must be {field.title or _allowed(field)}", example)
+
+    @classmethod
+    def parse(cls, arguments: Sequence[str], usage: str) -> Self:
+        """Read a command line that has no other keys.
+
+        Raises:
+            UserError, SystemExit: as :func:`parse_arguments` and :meth:`of`.
+        """
+        return cls.of(parse_arguments(arguments, cls.meanings(), usage), usage)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _exactly(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse what Pydantic would take for a number or truth value too, such as 1_000 and yes."""
+        written = WRITTEN.get(_types(cls.model_fields[str(info.field_name)])[0])
+        if isinstance(value, str) and written and not re.fullmatch(written[0], value, re.ASCII):
+            raise ValueError(written[1])
+        return value
+
+
+def _types(field: FieldInfo) -> list[Any]:
+    """What a value may be of, or, of a ``Literal``, what it may be; None left out."""
+    union = get_origin(field.annotation) in (Union, UnionType)
+    members = [each for each in (get_args(field.annotation) if union else [field.annotation]) if each is not NoneType]
+    return [
+        inner for each in members for inner in (get_args(each) if get_origin(each) in (Literal, Annotated) else [each])
+    ]
+
+
+def _allowed(field: FieldInfo) -> str:
+    """What values a field takes, by its type and bounds."""
+    kind, *others = _types(field)
+    if isinstance(kind, str):
+        return f"one of {', '.join([kind, *others])}"
+    said, bounds = WRITTEN[kind][1], dict[str, float]()
+    for each in field.metadata:
+        bounds |= {name: getattr(each, name) for name in ("gt", "ge", "le") if hasattr(each, name)}
+    if "gt" in bounds:
+        return f"{said} above {bounds['gt']}"
+    if "ge" in bounds:
+        return f"{said} from {bounds['ge']} {f'to {limit}' if (limit := bounds.get('le')) else 'up'}"
+    return said
 
 
 def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: str) -> dict[str, str]:
@@ -38,30 +144,3 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
             )
         found[key] = value
     return found
-
-
-def one_of(given: Mapping[str, str], key: str, allowed: Sequence[Choice]) -> Choice:
-    """One of some words; the first of them unless given.
-
-    Raises:
-        UserError: it is another.
-    """
-    word = given.get(key, allowed[0])
-    for each in allowed:
-        if word == each:
-            return each
-    raise UserError(f"{key}={word} must be one of {', '.join(allowed)}", f"For example {key}={allowed[1]}")
-
-
-def whole(given: Mapping[str, str], key: str, least: int) -> int | None:
-    """A whole number from ``least`` up; None unless given.
-
-    Raises:
-        UserError: it is none.
-    """
-    text = given.get(key)
-    if text is None:
-        return None
-    if not (text.isascii() and text.isdigit() and int(text) >= least):
-        raise UserError(f"{key}={text} must be a whole number from {least} up", f"For example {key}=10")
-    return int(text)

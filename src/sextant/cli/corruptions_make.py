@@ -3,17 +3,18 @@
 import errno
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
+from pydantic import Field
 from rich.markup import escape
 
 from sextant import __version__
-from sextant.cli.arguments import parse_arguments
+from sextant.cli.arguments import SPLIT, Options, UserPath
 from sextant.cli.console import console, key_value_table, reporting_mistakes
 from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
@@ -22,18 +23,33 @@ if TYPE_CHECKING:
     from sextant.corruptions.making import Corruptions, Images
 
 USAGE = "python -m sextant.corruptions make set=cifar10_c input=cifar10 output=CIFAR-10-C [names=fog,snow] [seed=0]"
-KEYS = {
-    "set": "whose parameters: cifar10_c, mnist_c or imagenet_c",
-    "input": "a dataset such as cifar10, of which the test split is taken, or a .npy file of uint8 (n, h, w[, c])",
-    "output": "folder of the files",
-    "names": "corruptions or groups of them, separated by commas; all unless given",
-    "severities": "some of 1,2,3,4,5; the published ones unless given",
-    "seed": "of all random draws; 0 unless given",
-    "mode": "faithful to the authors' code, or corrected; faithful unless given",
-    "labels": "a .npy file of n labels to write beside the images; those of the dataset unless given",
-    "device": "where to compute; cpu unless given",
-}
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+Mode = Literal["faithful", "corrected"]
+
+
+class MakeOptions(Options):
+    """What the user chose."""
+
+    benchmark: str = Field(alias="set")
+    """whose parameters: cifar10_c, mnist_c or imagenet_c"""
+    input: str
+    """a dataset such as cifar10, of which the test split is taken, or a .npy file of uint8 (n, h, w[, c])"""
+    output: UserPath
+    """folder of the files"""
+    names: Annotated[tuple[str, ...], SPLIT] = ()
+    """corruptions or groups of them, separated by commas; all unless given"""
+    severities: Annotated[tuple[Literal["1", "2", "3", "4", "5"], ...], SPLIT] = Field(
+        (), title="some of 1,2,3,4,5", examples=["1,3,5"]
+    )
+    """some of 1,2,3,4,5; the published ones unless given"""
+    seed: int = Field(0, ge=0, examples=[0])
+    """of all random draws; 0 unless given"""
+    mode: Mode = Field("faithful", examples=["corrected"])
+    """faithful to the authors' code, or corrected; faithful unless given"""
+    labels: str | None = None
+    """a .npy file of n labels to write beside the images; those of the dataset unless given"""
+    device: str = "cpu"
+    """where to compute; cpu unless given"""
 
 
 def run(arguments: Sequence[str]) -> None:
@@ -53,18 +69,15 @@ def main(arguments: Sequence[str]) -> None:
         rest = ["--help"]
     elif verb != "make":
         raise UserError(f"{verb}: not understood", USAGE)
-    given = parse_arguments(rest, KEYS, USAGE)
-    for key in ("set", "input", "output"):
-        if not given.get(key):
-            raise UserError(f"{key}= is missing: {KEYS[key]}", USAGE)
-    folder = Path(given["output"]).expanduser()
-    seed, device = _seed(given.get("seed", "0")), _device(given.get("device", "cpu"))
-    chosen, mode = _chosen(given)
-    images, labels = _input(given["input"], given.get("labels"))
+    options = MakeOptions.parse(rest, USAGE)
+    _check_device(options.device)
+    chosen = _chosen(options)
+    images, labels = _input(options.input, options.labels)
+    folder = options.output
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / ".lock", timeout=0):
-            _make(folder, given["set"], mode, seed, chosen, images, labels, device)
+            _make(options, chosen, images, labels)
     except Timeout:
         raise UserError(f"another process is writing to {folder}", "Wait for it, or choose another output=") from None
     except OSError as error:
@@ -74,19 +87,11 @@ def main(arguments: Sequence[str]) -> None:
         raise SystemExit(130) from None
 
 
-def _make(
-    folder: Path,
-    benchmark: str,
-    mode: Literal["faithful", "corrected"],
-    seed: int,
-    chosen: "Corruptions",
-    images: "Images",
-    labels: NDArray[Any] | None,
-    device: str,
-) -> None:
+def _make(options: MakeOptions, chosen: "Corruptions", images: "Images", labels: NDArray[Any] | None) -> None:
     from sextant.corruptions import making
 
-    recipe = making.Recipe(benchmark, mode, seed, making.images_digest(images), __version__)
+    folder, mode, seed = options.output, options.mode, options.seed
+    recipe = making.Recipe(options.benchmark, mode, seed, making.images_digest(images), __version__)
     making.begin(folder, recipe, chosen)
     remaining, began = making.missing(folder, chosen, images), time.monotonic()
     if (needed := sum(remaining.values())) > (free := shutil.disk_usage(folder).free):
@@ -106,7 +111,7 @@ def _make(
             progress(done, total)
 
         for name, size in remaining.items():
-            making.write_corruption(folder / f"{name}.npy", chosen[name], images, recipe, device, advance)
+            making.write_corruption(folder / f"{name}.npy", chosen[name], images, recipe, options.device, advance)
             console.print(f"{escape(name)}.npy: {_megabytes(size)}")
     seconds = time.monotonic() - began
     rows = {"images": f"{len(images):,} of {' x '.join(map(str, images.shape[1:]))}", "mode": mode, "seed": str(seed)}
@@ -115,7 +120,7 @@ def _make(
         "kept": f"{len(chosen) - len(remaining)}",
         "seconds": f"{seconds:,.1f}",
     }
-    console.print(key_value_table(benchmark, rows | {"path": str(folder)}))
+    console.print(key_value_table(options.benchmark, rows | {"path": str(folder)}))
     if "frost" in chosen:
         console.print("frost has textures drawn here: errors under it do not compare with published ones")
 
@@ -135,38 +140,22 @@ def _write_labels(folder: Path, chosen: "Corruptions", labels: NDArray[Any]) -> 
 # ---------------------------------------------------------------------------------------------------------- arguments
 
 
-def _chosen(given: Mapping[str, str]) -> "tuple[Corruptions, Literal['faithful', 'corrected']]":
+def _chosen(options: MakeOptions) -> "Corruptions":
     from sextant.corruptions import benchmark_set
 
-    names = [name.strip() for name in given.get("names", "").strip("[]").split(",") if name.strip()]
-    text = given.get("severities", "").strip("[]")
-    severities = [part.strip() for part in text.split(",") if part.strip()]
-    if not all(part in ("1", "2", "3", "4", "5") for part in severities):
-        raise UserError(f"severities={text} must be some of 1,2,3,4,5", "For example severities=1,3,5")
-    mode = given.get("mode", "faithful")
-    if mode not in ("faithful", "corrected"):
-        raise UserError(f"mode={mode} is not known", "It is faithful or corrected.")
-    known: Literal["faithful", "corrected"] = "corrected" if mode == "corrected" else "faithful"
-    chosen = benchmark_set(given["set"]).build(names or None, [int(part) for part in severities] or None, known)
-    return chosen, known
+    severities = [int(each) for each in options.severities]
+    return benchmark_set(options.benchmark).build(list(options.names) or None, severities or None, options.mode)
 
 
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise UserError(f"seed={text} must be a whole number, at least 0", "For example seed=0")
-    return int(text)
-
-
-def _device(text: str) -> str:
+def _check_device(name: str) -> None:
     import torch
 
     try:
-        torch.zeros(1, device=text)
+        torch.zeros(1, device=name)
     except (RuntimeError, AssertionError) as error:
         raise UserError(
-            f"device={text} cannot be used: {str(error).splitlines()[0]}", "device=cpu always can."
+            f"device={name} cannot be used: {str(error).splitlines()[0]}", "device=cpu always can."
         ) from None
-    return text
 
 
 def _input(text: str, labels: str | None) -> "tuple[Images, NDArray[Any] | None]":

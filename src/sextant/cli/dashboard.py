@@ -2,11 +2,13 @@
 
 import socket
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from sextant.cli.arguments import parse_arguments
+from pydantic import Field
+
+from sextant.cli.arguments import Options
 from sextant.cli.console import console, print_mistake
 from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
@@ -17,28 +19,36 @@ if TYPE_CHECKING:
     from sextant.tracking.store import Store
 
 USAGE = "sextant dashboard [port=5000] [serve=true]\nsextant dashboard tracking=server tracking.uri=http://host:5000"
-KEYS = {
-    "port": "first port to try on the loopback interface; the next free one is taken",
-    "serve": "false only fills the store from the run directories",
-    "outputs": "output folder, if not the default",
-    "tracking": "server: fill a server that runs elsewhere, and open none; sqlite: the embedded store",
-    "tracking.uri": "address of that server",
-}
 HOST = "127.0.0.1"
 LOOK_EVERY_S = 30.0
+
+
+class DashboardOptions(Options):
+    """What the user chose."""
+
+    port: int = Field(5000, ge=1024, le=65535, examples=[5000])
+    """first port to try on the loopback interface; the next free one is taken"""
+    serve: bool = Field(True, examples=["false"])
+    """false only fills the store from the run directories"""
+    outputs: str | None = None
+    """output folder, if not the default"""
+    tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])
+    """server: fill a server that runs elsewhere, and open none; sqlite: the embedded store"""
+    uri: str | None = Field(None, alias="tracking.uri")
+    """address of that server"""
 
 
 def main(arguments: Sequence[str]) -> None:
     """Refill the store and serve it until Ctrl-C."""
     quiet_libraries()
-    given = parse_arguments(arguments, KEYS, USAGE)
-    outputs = Path(given["outputs"]).absolute() if "outputs" in given else default_outputs()
+    options = DashboardOptions.parse(arguments, USAGE)
+    outputs = default_outputs() if options.outputs is None else Path(options.outputs).absolute()
     try:
         outputs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"outputs={outputs} is not a folder that can be written to: {error.strerror}") from None
-    server = _server(given)
-    port = _free_port(given.get("port", "5000"))
+    server = _server(options)
+    port = _free_port(options.port)
 
     from sextant.tracking.store import open_store, telling_store_errors
 
@@ -51,16 +61,14 @@ def main(arguments: Sequence[str]) -> None:
         _fill(store, outputs)
     except UserError as error:  # what is there can be looked at
         print_mistake(error)
-    if given.get("serve", "true") != "false":
+    if options.serve:
         _serve(store, outputs, port)
 
 
-def _server(given: Mapping[str, str]) -> str | None:
+def _server(options: DashboardOptions) -> str | None:
     """The address of the server to fill, None for the embedded store."""
-    kind, uri = given.get("tracking", "sqlite"), given.get("tracking.uri")
-    if kind not in ("sqlite", "server"):
-        raise UserError(f"tracking={kind}: must be sqlite or server", USAGE)
-    if kind == "sqlite":
+    uri = options.uri
+    if options.tracking == "sqlite":
         if uri is not None:
             raise UserError(f"tracking.uri={uri} belongs to tracking=server", USAGE)
         return None
@@ -69,9 +77,12 @@ def _server(given: Mapping[str, str]) -> str | None:
             f"tracking.uri={uri or ''}: must be the address of the server, starting with http:// or https://",
             "For example tracking=server tracking.uri=http://127.0.0.1:5000",
         )
-    unused = [f"{key}={given[key]}" for key in ("port", "serve") if key in given]
-    if unused:
-        raise UserError(f"{unused[0]} belongs to tracking=sqlite: a remote server is filled, not served", USAGE)
+    if unused := sorted({"port", "serve"} & options.model_fields_set):
+        given = f"{unused[0]}={getattr(options, unused[0])}".lower()
+        raise UserError(
+            f"{given} belongs to tracking=sqlite: a remote server is filled, not served",
+            USAGE,
+        )
     return uri
 
 
@@ -97,10 +108,8 @@ def _serve(store: "Store", outputs: Path, port: int) -> None:
                 catch_up("sqlite", None, outputs, TERMINAL)
 
 
-def _free_port(first: str) -> int:
-    if not first.isdigit() or not 1024 <= int(first) < 65536:
-        raise UserError(f"port={first} must be a number from 1024 to 65535", "For example port=5000")
-    for port in range(int(first), min(int(first) + 100, 65536)):
+def _free_port(first: int) -> int:
+    for port in range(first, min(first + 100, 65536)):
         with socket.socket() as probe:
             if probe.connect_ex((HOST, port)) != 0:
                 return port

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydra.utils import get_object
+from pydantic import Field
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.arguments import parse_arguments
+from sextant.cli.arguments import Options
 from sextant.cli.console import console, key_value_table
 from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
@@ -30,6 +31,20 @@ sextant data verify <store or its folder> [repair=true]
 sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"""
 LINE_S = 5.0
 SHOWN_DAMAGES = 50
+
+
+class RenderOptions(Options):
+    """What the user chose of rendering, the config of the dataset apart."""
+
+    threads: int = Field(ge=1, le=256, examples=[2])
+    """that render"""
+
+
+class VerifyOptions(Options):
+    """What the user chose of a check."""
+
+    repair: bool = Field(False, examples=["true"])
+    """true: forget what is damaged, so that rendering makes it anew"""
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -139,9 +154,7 @@ def _threads(arguments: Sequence[str]) -> tuple[int, list[str]]:
             threads = argument.removeprefix("threads=")
         else:
             overrides.append(argument)
-    if not threads.isdecimal() or not 1 <= int(threads) <= 256:
-        raise UserError(f"threads={threads} must be a number from 1 to 256", "For example threads=2")
-    return int(threads), overrides
+    return RenderOptions.of({"threads": threads}).threads, overrides
 
 
 def _shown(value: Any) -> str:
@@ -164,10 +177,7 @@ def _verify(arguments: list[str]) -> None:
     names = [argument for argument in arguments if "=" not in argument]
     paths = [argument for argument in arguments if argument.startswith("paths.")]
     rest = [argument for argument in arguments if argument not in (*names, *paths)]
-    known = {"repair": "true: forget what is damaged, so that rendering makes it anew"}
-    given = parse_arguments(rest, known, USAGE)
-    if given.get("repair", "false") not in ("true", "false"):
-        raise UserError(f"repair={given['repair']} must be true or false", USAGE)
+    repair = VerifyOptions.parse(rest, USAGE).repair
     if len(names) != 1:
         raise UserError("which store? Give one", USAGE)
     directory = find_store(names[0], _cache(paths))
@@ -176,7 +186,7 @@ def _verify(arguments: list[str]) -> None:
     _show(report)
     if report.sound:
         return
-    if given.get("repair") != "true":
+    if not repair:
         console.print(f"sextant data verify {escape(str(directory))} repair=true forgets what is damaged")
         raise SystemExit(1)
     repair_store(report, notify=_notify)

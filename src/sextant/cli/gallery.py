@@ -2,30 +2,42 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import AfterValidator, Field
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from sextant.cli.arguments import parse_arguments
+from sextant.cli.arguments import SPLIT, Options, UserPath
 from sextant.cli.console import console
 from sextant.errors import UserError
 
 USAGE = "sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"
-KEYS = {
-    "folder": "where the pictures go; gallery unless given",
-    "samples": "rays a pixel, a square number from 1 to 64; 16 unless given",
-    "sections": "streets, conditions, panoramas, from_above, office; all unless given",
-}
+
+
+def _square(samples: int) -> int:
+    if samples not in (1, 4, 9, 16, 25, 36, 49, 64):
+        raise ValueError("no square number")
+    return samples
+
+
+class GalleryOptions(Options):
+    """What the user chose."""
+
+    folder: UserPath = Path("gallery")
+    """where the pictures go; gallery unless given"""
+    samples: Annotated[int, AfterValidator(_square)] = Field(16, title="a square number from 1 to 64", examples=[16])
+    """rays a pixel, a square number from 1 to 64; 16 unless given"""
+    sections: Annotated[tuple[str, ...], SPLIT] = Field((), examples=["streets"])
+    """streets, conditions, panoramas, from_above, office; all unless given"""
 
 
 def gallery(arguments: Sequence[str]) -> None:
     """Render the gallery, showing each section's files as they are written."""
-    options = {"folder": "gallery", "samples": "16", "sections": ""} | parse_arguments(arguments, KEYS, USAGE)
-    if options["samples"] not in {str(side * side) for side in range(1, 9)}:
-        raise UserError(f"samples={options['samples']} must be a square number from 1 to 64", "For example samples=16")
+    options = GalleryOptions.parse(arguments, USAGE)
     from sextant.data.worlds.gallery import SECTIONS, render_gallery
 
-    sections = [name for name in options["sections"].split(",") if name] or list(SECTIONS)
+    sections = list(options.sections or SECTIONS)
     for name in sections:
         if name not in SECTIONS:
             raise UserError(f"sections={name}: there is no such section", f"Choose among {', '.join(SECTIONS)}.")
@@ -38,4 +50,4 @@ def gallery(arguments: Sequence[str]) -> None:
             for path in paths:
                 progress.console.print(escape(str(path)))
 
-        render_gallery(Path(options["folder"]), int(options["samples"]), sections, done)
+        render_gallery(options.folder, options.samples, sections, done)

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from sextant.cli.arguments import parse_arguments
+from pydantic import Field
+
+from sextant.cli.arguments import Options, parse_arguments
 from sextant.cli.output_folder import make_output
 from sextant.cli.predict_handler import Handler, open_run, require
 from sextant.data.photo_files import find_photos
@@ -33,15 +35,29 @@ def _handler(path: str) -> Handler:
 
 
 HANDLERS = {task: _handler(path) for task, path in TASKS.items()}
+
+
+class SharedOptions(Options):
+    """What the user may choose of any task."""
+
+    run: str | None = None
+    """the trained model"""
+    task: str | None = None
+    """cosfire: detect what one example shows, with the features of run= or without; other tasks come with run="""
+    input: str | None = None
+    """an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'; for localization also a
+    video"""
+    output: str | None = None
+    """folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given; for localization,
+    localization unless given"""
+    outputs: str | None = None
+    """output folder of runs, if not the default"""
+    trust: bool = Field(False, examples=["true"])
+    """true: build parts of the user's own that the checkpoint names"""
+
+
 KEYS = {
-    "run": "the trained model",
-    "task": "cosfire: detect what one example shows, with the features of run= or without; other tasks come with run=",
-    "input": "an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'; for localization "
-    "also a video",
-    "output": "folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given; for "
-    "localization, localization unless given",
-    "outputs": "output folder of runs, if not the default",
-    "trust": "true: build parts of the user's own that the checkpoint names",
+    **SharedOptions.meanings(),
     **{key: f"{each.topic}: {text}" for each in HANDLERS.values() for key, text in each.keys.items()},
 }
 USAGE = "\n".join(dict.fromkeys(each.usage for each in HANDLERS.values()))
@@ -51,6 +67,7 @@ def main(arguments: Sequence[str]) -> None:
     """Predict every image; one that cannot be read is named in the result and the rest go on."""
     quiet_libraries()
     given = parse_arguments(arguments, KEYS, USAGE)
+    SharedOptions.of(given)
     for handler in reversed(HANDLERS.values()):
         if handler.claims(given):
             _refuse_others(given, handler)

@@ -1,45 +1,44 @@
 """``report.py``: tables, contrasts and figures of a sweep."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
+from pydantic import Field
 from rich.table import Table
 
-from sextant.cli.arguments import parse_arguments
+from sextant.cli.arguments import Options
 from sextant.cli.console import console
-from sextant.errors import UserError
 from sextant.tracking.environment import quiet_libraries
 
 if TYPE_CHECKING:
     from sextant.reports.results import SweepResults
 
 USAGE = "sextant report sweep=<name, directory or MLflow parent run>"
-KEYS = {
-    "sweep": "the sweep",
-    "outputs": "output folder, if not the default",
-    "tracking": "none: do not log the report on the sweep's parent run",
-}
+
+
+class ReportOptions(Options):
+    """What the user chose."""
+
+    sweep: str
+    """its name, directory or MLflow parent run"""
+    outputs: str | None = None
+    """output folder, if not the default"""
+    tracking: Literal["none"] | None = Field(None, title="none, which keeps the report off the parent run")
+    """none: do not log the report on the sweep's parent run"""
 
 
 def main(arguments: Sequence[str]) -> None:
     """Write the report of a sweep into its directory and log it on its parent run."""
     quiet_libraries()
-    given = parse_arguments(arguments, KEYS, USAGE)
-    if "sweep" not in given:
-        raise UserError("which sweep?", USAGE)
-
+    options = ReportOptions.parse(arguments, USAGE)
     from sextant.lifecycle.results import sweep_results
     from sextant.reports.sweep_report import write_report
 
-    results = sweep_results(given["sweep"], given.get("outputs"))
-    if given.get("tracking", "none") != "none":
-        raise UserError(
-            f"tracking={given['tracking']}: no such choice", "tracking=none keeps the report off the parent run"
-        )
+    results = sweep_results(options.sweep, options.outputs)
     paths = write_report(results)
     _show(results)
     console.print("\n".join(str(path) for path in paths))
-    if "tracking" not in given and results.plan.mlflow_runs:
+    if options.tracking is None and results.plan.mlflow_runs:
         from sextant.tracking.sweep_parent import log_report
 
         log_report(results.directory.parents[1], results.plan, results.directory / "report")

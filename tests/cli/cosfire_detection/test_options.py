@@ -7,7 +7,7 @@ from cli.cosfire_detection.drawn import drawn
 
 from sextant.applications.detection.options import PHOTO, PRESET_NAMES
 from sextant.cli import predict
-from sextant.cli.cosfire_detection.options import DetectionOptions, options_from
+from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.errors import UserError
 from sextant.layers.cosfire import PRESETS
 
@@ -21,11 +21,12 @@ def test_values_are_read():
         "point": "12.5,7", "rotations": "8", "scales": "0.5,1,2", "reflection": "true", "threshold": "0.4",
         "min_distance": "9", "max_detections": "3", "longest": "640", "preset": "symbol",
     }  # fmt: skip
-    assert options_from(given) == DetectionOptions(
-        (12.5, 7.0), "symbol", None, 8, (0.5, 1.0, 2.0), True, 0.4, 9.0, 3, 640
-    )
-    assert options_from({}) == DetectionOptions()
-    assert options_from({"reflection": "false"}).reflection is False
+    assert DetectionOptions.of(given) == DetectionOptions(
+        point=(12.5, 7.0), preset="symbol", rotations=8, scales=(0.5, 1.0, 2.0), reflection=True, threshold=0.4,
+        min_distance=9.0, max_detections=3, longest=640,
+    )  # fmt: skip
+    assert DetectionOptions.of({}) == DetectionOptions()
+    assert DetectionOptions.of({"reflection": "false"}).reflection is False
 
 
 @pytest.mark.parametrize(
@@ -35,9 +36,9 @@ def test_values_are_read():
         ({"preset": "digit", "run": "x"}, "preset= and run= do not go together"),
         ({"layer": "conv2"}, "run= is missing"),
         ({"point": "12"}, "point=12 must be two numbers"),
-        ({"point": "a,b"}, "point=a,b must be numbers"),
-        ({"point": "nan,1"}, "point=nan,1 must be numbers"),
-        ({"scales": "0,1"}, "scales=0,1 must be above 0"),
+        ({"point": "a,b"}, "point=a,b must be two numbers"),
+        ({"point": "nan,1"}, "point=nan,1 must be two numbers"),
+        ({"scales": "0,1"}, "scales=0,1 must be numbers above 0"),
         ({"scales": ""}, "scales= must be numbers"),
         ({"rotations": "0"}, "rotations=0 must be a whole number from 1 to 360"),
         ({"rotations": "1.5"}, "rotations=1.5 must be a whole number"),
@@ -51,7 +52,7 @@ def test_values_are_read():
 )
 def test_mistakes_are_told(given, says):
     with pytest.raises(UserError, match=re.escape(says)):
-        options_from(given)
+        DetectionOptions.of(given)
 
 
 @pytest.mark.parametrize(

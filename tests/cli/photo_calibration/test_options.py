@@ -1,13 +1,13 @@
 import pytest
 
-from sextant.cli.photo_calibration.options import CalibrationOptions, options_from
+from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.errors import UserError
 
 
 def test_options_are_read(tmp_path):
-    assert options_from({}) == CalibrationOptions()
+    assert CalibrationOptions.of({}) == CalibrationOptions()
     given = {"undistort": "all", "camera": "one", "focal_prior": "812.5", "input": "x"}
-    assert options_from(given) == CalibrationOptions("all", "one", 812.5)
+    assert CalibrationOptions.of(given) == CalibrationOptions(undistort="all", camera="one", focal_prior=812.5)
 
 
 @pytest.mark.parametrize(
@@ -17,4 +17,4 @@ def test_options_are_read(tmp_path):
 def test_wrong_options_are_told(given):
     (key, value), *_ = given.items()
     with pytest.raises(UserError, match=f"{key}={value} must be"):
-        options_from(given)
+        CalibrationOptions.of(given)

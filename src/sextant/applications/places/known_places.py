@@ -12,13 +12,12 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from sextant.applications.places.describing import DescribedPhotos
-from sextant.applications.places.options import PlaceOptions
-from sextant.applications.places.photo_folder import PhotoFolder
+from sextant.applications.places.photo_folder import KnownBy, PhotoFolder
 from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
 from sextant.data.places.image_files import natural_key
 from sextant.data.places.pose_files import Pose, table_poses, utm_poses
 from sextant.data.places.tolerance import Unit
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.evaluation.places.positives import Positives
 
 TABLE = "poses.csv"
@@ -66,31 +65,34 @@ def same_place(described: DescribedPhotos, tolerance: float) -> Positives:
 def known_places(
     reference: DescribedPhotos,
     queries: DescribedPhotos,
-    options: PlaceOptions,
+    places: KnownBy,
     tolerances: Mapping[Unit, PlaceTolerance],
+    distance: float | None = None,
 ) -> KnownPlaces:
-    """What ``places=`` and ``tolerance=`` tell of the photos that have descriptors.
+    """Which photos that have descriptors show one place.
 
     Args:
         reference: the map.
         queries: to be looked up.
-        options: chosen by the user.
-        tolerances: of the run's test, by unit, for what the user left open.
+        places: how the truth is known.
+        tolerances: what counts as one place, by unit.
+        distance: largest distance of one place, instead of that tolerance's: in metres if places are known by poses,
+            otherwise in files.
 
     Raises:
-        UserError: the photos do not have what ``places=`` names: a table, names, equal numbers.
+        UserError: the photos do not have what ``places`` names: a table, poses in their names, equal numbers.
     """
-    unit: Unit = "m" if options.places in ("csv", "utm") else "frames"
+    unit: Unit = "m" if places in ("csv", "utm") else "frames"
     tolerance = tolerances[unit]
-    chosen = 0.0 if options.tolerance is None and options.places == "none" else options.tolerance
+    chosen = 0.0 if distance is None and places == "none" else distance
     if chosen is not None:
         tolerance = replace(
             tolerance, positive=chosen, negative=max(tolerance.negative, math.nextafter(chosen, math.inf))
         )
-    if options.places == "none":
+    if places == "none":
         along_the_ride = replace(reference, positions=None)
         return KnownPlaces(tolerance, same_place(along_the_ride, tolerance.positive), None)
-    images = _placed(reference.photos, queries.photos, options)
+    images = _placed(reference.photos, queries.photos, places)
     remark = ""
     if images.heading_deg is None and tolerance.heading_deg is not None:
         tolerance, remark = replace(tolerance, heading_deg=None), "headings are not known, so none were compared"
@@ -99,28 +101,28 @@ def known_places(
     return KnownPlaces(tolerance, same, Positives.from_sparse(images.positives(of_queries, of_map, tolerance)), remark)
 
 
-def check_truth(reference: PhotoFolder, queries: PhotoFolder, options: PlaceOptions) -> None:
-    """Raise a ``UserError`` if the photos lack what ``places=`` names; told before any of them is described."""
-    if options.places != "none":
-        _placed(reference, queries, options)
+def check_truth(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> None:
+    """Raise a ``UserError`` if the photos lack what ``places`` names, before any of them is described."""
+    if places != "none":
+        _placed(reference, queries, places)
 
 
-def _placed(reference: PhotoFolder, queries: PhotoFolder, options: PlaceOptions) -> PlaceImages:
+def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> PlaceImages:
     """The places of all photos, the map's first; no pixels."""
-    both = (("map", reference), ("queries", queries))
-    frames = np.concatenate([np.arange(len(photos)) for _, photos in both])
+    both = (reference, queries)
+    frames = np.concatenate([np.arange(len(photos)) for photos in both])
     positions, headings = None, None
-    if options.places == "name":
+    if places == "name":
         frames = _name_frames(reference.names, queries.names)
-    elif options.places == "order":
+    elif places == "order":
         if len(reference) != len(queries):
-            raise UserError(
-                f"places=order takes the i-th photos of both folders for one place, but map={reference.folder} has "
-                f"{len(reference):,} and queries={queries.folder} has {len(queries):,}",
-                "Remove what has no partner, or use equal names (places=name) or poses (places=csv or utm).",
+            raise ArgumentError(
+                f"places=order pairs the i-th photos of both folders, but {reference.folder} has {len(reference):,} "
+                f"and {queries.folder} has {len(queries):,}",
+                "Remove what has no partner, or use equal names (places=name) or poses (places=csv or places=utm).",
             )
     else:
-        poses = [pose for key, photos in both for pose in _poses(key, photos, options)]
+        poses = [pose for photos in both for pose in _poses(photos, places)]
         positions = np.array([(pose.x, pose.y) for pose in poses])
         angles = [pose.heading_deg for pose in poses if pose.heading_deg is not None]
         headings = np.array(angles) if len(angles) == len(poses) else None
@@ -136,16 +138,16 @@ def _placed(reference: PhotoFolder, queries: PhotoFolder, options: PlaceOptions)
     )
 
 
-def _poses(key: str, photos: PhotoFolder, options: PlaceOptions) -> list[Pose]:
-    if options.places == "utm":
-        return utm_poses(photos.paths, key)
+def _poses(photos: PhotoFolder, places: KnownBy) -> list[Pose]:
+    if places == "utm":
+        return utm_poses(photos.paths, str(photos.folder))
     paths = [photos.folder.resolve() / name for name in photos.names]
     for folder in (photos.folder, photos.folder.absolute().parent):
         if (folder / TABLE).is_file():
-            return table_poses(paths, photos.folder, folder / TABLE, key)
-    raise UserError(
-        f"places=csv: neither {key}={photos.folder} nor the folder around it has a table {TABLE}",
-        "Write one with the columns file,x,y or file,x,y,heading; or choose another places=: utm, name, order.",
+            return table_poses(paths, photos.folder, folder / TABLE, str(photos.folder))
+    raise ArgumentError(
+        f"places=csv: neither {photos.folder} nor the folder around it has a table {TABLE}",
+        "Write one with the columns file,x,y or file,x,y,heading; or choose places=utm, places=name or places=order.",
     )
 
 

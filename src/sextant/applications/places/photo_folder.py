@@ -4,12 +4,17 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from sextant.data.photo_files import find_photos
 from sextant.errors import ArgumentError
 
 #: what a folder of descriptors has; see :mod:`~sextant.applications.places.saved_map`
 HEADER = "map.json"
+
+#: how it is known which photos of two folders show one place: not, by a table of poses, by poses in their names, by
+#: equal names, or by their order
+KnownBy = Literal["none", "csv", "utm", "name", "order"]
 
 
 @dataclass(frozen=True)

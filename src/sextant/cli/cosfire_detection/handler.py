@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from sextant.cli.cosfire_detection.inputs import read_inputs
-from sextant.cli.cosfire_detection.options import KEYS
+from sextant.cli.cosfire_detection.options import PROTOTYPE, DetectionOptions
 from sextant.cli.output_folder import make_output
 from sextant.cli.predict_handler import Handler, find_run, outputs_of
 from sextant.errors import UserError
@@ -16,7 +16,7 @@ class Detection(Handler):
     usage = (
         "sextant predict task=cosfire prototype=<image> point=<x,y> input=<image, folder or pattern> output=<folder>"
     )
-    keys = KEYS
+    keys = PROTOTYPE | DetectionOptions.meanings()
     needs = ("prototype", "input", "output")
     shared = ("task", *Handler.shared)
 

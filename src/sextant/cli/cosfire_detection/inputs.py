@@ -7,7 +7,7 @@ from pathlib import Path
 from PIL import Image
 
 from sextant.applications.detection.options import check_point
-from sextant.cli.cosfire_detection.options import DetectionOptions, options_from
+from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.data.photo_files import find_photos
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
@@ -36,7 +36,7 @@ def read_inputs(given: Mapping[str, str]) -> DetectionInputs:
     Raises:
         UserError: an option has no meaning, there is no such prototype or no image, or the point lies outside.
     """
-    options, output = options_from(given), Path(given["output"]).expanduser()
+    options, output = DetectionOptions.of(given), Path(given["output"]).expanduser()
     prototype = Path(given["prototype"]).expanduser()
     if not prototype.is_file():
         what = "is a folder, not one image" if prototype.is_dir() else "there is no such file"

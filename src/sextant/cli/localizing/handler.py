@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sextant.applications.localization.found_map import find_map
-from sextant.cli.localizing.options import KEYS, OUTPUT, options_from
+from sextant.cli.localizing.options import OUTPUT, LocalizingOptions
 from sextant.cli.output_folder import make_output
 from sextant.cli.predict_handler import Handler, Trained, outputs_of
 from sextant.errors import UserError
@@ -19,7 +19,7 @@ class Localization(Handler):
         "sextant predict run=<run of localization, or a saved map> input=<folder of photos, or video> "
         "[odometry=<table>] [output=localization]"
     )
-    keys = KEYS
+    keys = LocalizingOptions.meanings()
     needs = ("input",)
 
     def claims(self, given: Mapping[str, str]) -> bool:
@@ -28,7 +28,7 @@ class Localization(Handler):
 
     def predict(self, given: Mapping[str, str]) -> None:
         """Localize images in the map."""
-        options = options_from(given)
+        options = LocalizingOptions.of(given)
         output = Path(given.get("output", OUTPUT)).expanduser()
         make_output(output)
         folder = find_map(given["run"], outputs_of(given))

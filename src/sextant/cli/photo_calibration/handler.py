@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from sextant.cli.photo_calibration.options import KEYS, options_from
+from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.cli.predict_handler import Handler, Trained
 
 
@@ -12,11 +12,11 @@ class Calibration(Handler):
 
     task = "calibration"
     topic = "calibration"
-    keys = KEYS
+    keys = CalibrationOptions.meanings()
 
     def check(self, given: Mapping[str, str]) -> None:
         """Raise a ``UserError`` if a value of its keys has no meaning."""
-        options_from(given)
+        CalibrationOptions.of(given)
 
     def predict_photos(self, given: Mapping[str, str], trained: Trained, paths: list[Path], output: Path) -> None:
         """Calibrate photos."""
@@ -24,4 +24,4 @@ class Calibration(Handler):
         from sextant.cli.photo_calibration.predict import predict_calibrations
 
         calibrator = PhotoCalibrator.of(trained.content, trained.found.checkpoint, trust=trained.trust)
-        predict_calibrations(calibrator, paths, output, options_from(given))
+        predict_calibrations(calibrator, paths, output, CalibrationOptions.of(given))

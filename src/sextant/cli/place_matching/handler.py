@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sextant.cli.output_folder import make_output
 from sextant.cli.place_matching.inputs import read_inputs
-from sextant.cli.place_matching.options import INPUTS, KEYS
+from sextant.cli.place_matching.options import INPUTS, PlaceOptions
 from sextant.cli.predict_handler import Handler, Trained, open_run
 from sextant.errors import UserError
 
@@ -16,7 +16,7 @@ class PlaceMatching(Handler):
     task = "place_recognition"
     topic = "places"
     usage = "sextant predict run=<...> map=<folder> queries=<folder> [output=matches]"
-    keys = INPUTS | KEYS
+    keys = INPUTS | PlaceOptions.meanings()
     needs = ("run", *INPUTS)
     shared = ("run", "output", "outputs", "trust")
     named_by = "map= and queries="

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.applications.places.options import PlaceOptions
 from sextant.applications.places.photo_folder import HEADER, PhotoFolder, photos_below
-from sextant.cli.place_matching.options import options_from
+from sextant.cli.place_matching.options import PlaceOptions
 from sextant.errors import UserError
 
 
@@ -33,7 +32,7 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
     Raises:
         UserError: an option has no meaning, a folder is not there or has no photos, or queries are files of the map.
     """
-    options, output = options_from(given), Path(given.get("output", "matches")).expanduser()
+    options, output = PlaceOptions.of(given), Path(given.get("output", "matches")).expanduser()
     path = Path(given["map"]).expanduser()
     saved = (path / HEADER).is_file()
     reference = path if saved else photos_below(given["map"], "map", output, one=False)

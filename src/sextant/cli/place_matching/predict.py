@@ -7,7 +7,6 @@ from typing import Any
 from sextant.applications.places.describing import LARGEST_STRETCH, DescribedPhotos
 from sextant.applications.places.known_places import KnownPlaces, check_truth, known_places
 from sextant.applications.places.matching import check_rides
-from sextant.applications.places.options import PlaceOptions
 from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.applications.places.place_map import PlaceMap
 from sextant.applications.places.rows import counts, query_rows
@@ -16,6 +15,7 @@ from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.place_matching import telling
 from sextant.cli.place_matching.gallery_pages import write_gallery
 from sextant.cli.place_matching.inputs import PlaceInputs, refuse_overlap
+from sextant.cli.place_matching.options import PlaceOptions
 from sextant.cli.place_matching.written_files import write_matches
 from sextant.cli.work_progress import work_progress
 from sextant.data.unusable_files import nothing_usable
@@ -39,7 +39,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     asked = PlaceMap(places.descriptor, places.size)
     _add(asked, "queries", inputs.queries, inputs)
     reference, queries = places.described, asked.described
-    known = known_places(reference, queries, options, places.tolerances)
+    known = known_places(reference, queries, options.places, places.tolerances, options.tolerance)
     with work_progress("looking up", "queries") as progress:
         found = places.match(
             queries.index, options.matches, sequence=options.sequence, same=known.same_place, progress=progress
@@ -79,7 +79,7 @@ def _fill(places: PlaceMap, inputs: PlaceInputs) -> None:
             ) from None
         refuse_overlap(places.described.photos, inputs.queries)
     reference = places.described.photos if isinstance(inputs.reference, Path) else inputs.reference
-    check_truth(reference, inputs.queries, inputs.options)
+    check_truth(reference, inputs.queries, inputs.options.places)
     check_rides(len(reference), len(inputs.queries), inputs.options.sequence)
     if isinstance(inputs.reference, PhotoFolder):
         _add(places, "map", inputs.reference, inputs)
