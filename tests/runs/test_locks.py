@@ -1,29 +1,30 @@
-import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 
 from sextant.errors import UserError
 from sextant.runs.locks import run_lock
 
-
-def hold(folder, ready):
-    with run_lock(folder, "run", wait=False):
-        ready.set()
-        signal.pause()
+#: a process of its own: it holds the lock, says so, and waits to be killed
+HOLD = """
+import signal, sys
+from pathlib import Path
+from sextant.runs.locks import run_lock
+with run_lock(Path(sys.argv[1]), "run", wait=False):
+    print("held", flush=True)
+    signal.pause()
+"""
 
 
 def test_a_second_process_is_told_who_holds_the_lock_and_a_killed_one_frees_it(tmp_path):
-    context = multiprocessing.get_context("spawn")
-    ready = context.Event()
-    other = context.Process(target=hold, args=(tmp_path, ready))
-    other.start()
-    assert ready.wait(60)
-    with pytest.raises(UserError, match=f"process {other.pid} on"), run_lock(tmp_path, "run", wait=False):
-        pass
-    os.kill(other.pid, signal.SIGKILL)
-    other.join()
+    with subprocess.Popen([sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(UserError, match=f"process {other.pid} on"), run_lock(tmp_path, "run", wait=False):
+            pass
+        os.kill(other.pid, signal.SIGKILL)
     with run_lock(tmp_path, "run", wait=False):
         pass
 

@@ -14,7 +14,7 @@ from tiny_places import Pixels, ride, scene, tiny_checkpoint
 import sextant
 from sextant import PlaceMap
 from sextant.applications import FailedPhoto, FailedPhotosError
-from sextant.applications.places import place_map
+from sextant.applications.places import described_map
 from sextant.applications.places.run_facts import Temperature
 from sextant.atomic_files import write_sealed_json
 from sextant.baselines import Hog, WhitenedPCA
@@ -154,8 +154,8 @@ def test_photos_of_a_ride_share_their_confidence_if_so_wished(rides, places):
 
 def test_what_one_place_is_is_worked_out_once_for_a_map(rides, places, monkeypatch):
     asked = []
-    worked_out = place_map.same_place
-    monkeypatch.setattr(place_map, "same_place", lambda *given: asked.append(given) or worked_out(*given))
+    worked_out = described_map.same_place
+    monkeypatch.setattr(described_map, "same_place", lambda *given: asked.append(given) or worked_out(*given))
     photo = rides[1] / "001.png"
     for _ in range(3):
         places.look_up(photo)

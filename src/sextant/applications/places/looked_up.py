@@ -4,9 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxtyping import Float, Int64
-from numpy import ndarray
-
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.matching import Matches
 
@@ -57,31 +54,15 @@ def looked_up(
 ) -> list[LookedUp]:
     """What was found of each photo: by sequences, if they were matched so, or else by itself."""
     folder, files = reference.photos.folder, reference.index.names or ()
-
-    def listed(
-        indices: Int64[ndarray, "k"], values: Float[ndarray, "k"], confidence: Float[ndarray, "k"] | None
-    ) -> tuple[PlaceMatch, ...]:
-        sure = [None] * len(indices) if confidence is None else [float(p) for p in confidence]
-        return tuple(
-            PlaceMatch(folder / files[j], float(value), p, _position(reference, int(j)))
-            for j, value, p in zip(indices, values, sure, strict=True)
+    results = []
+    for i, name in enumerate(names):
+        sequenced = found.by_sequence(i)
+        matches = tuple(
+            PlaceMatch(folder / files[each.image], each.similarity, each.confidence, _position(reference, each.image))
+            for each in (found.single(i) if sequenced is None else sequenced)
         )
-
-    if (sequences := found.sequences) is not None:
-        return [
-            LookedUp(name, listed(sequences.indices[i], sequences.scores[i], None), None, stretched[i])
-            for i, name in enumerate(names)
-        ]
-    best, sure = found.neighbours, found.confidence
-    return [
-        LookedUp(
-            name,
-            listed(best.indices[i], best.values[i], None if sure is None else sure[i]),
-            None if found.margin[i] != found.margin[i] else float(found.margin[i]),
-            stretched[i],
-        )
-        for i, name in enumerate(names)
-    ]
+        results.append(LookedUp(name, matches, found.margin_of(i) if sequenced is None else None, stretched[i]))
+    return results
 
 
 def _position(reference: DescribedPhotos, number: int) -> tuple[float, float] | None:

@@ -9,7 +9,11 @@ over the map images :math:`\mathcal S_j` that show the same place as j, j among 
 query is in the map. The *margin* is the similarity of the best match less that of the best map image of another place.
 """
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import repeat
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -27,6 +31,14 @@ BLOCK = 2**22
 LARGEST_RIDES = 2**28
 
 
+class Match(NamedTuple):
+    """A map image that a query was matched with: its number, how similar it is, and how probable its place."""
+
+    image: int
+    similarity: float
+    confidence: float | None
+
+
 @dataclass(frozen=True)
 class Matches:
     """What was found for each query.
@@ -42,6 +54,24 @@ class Matches:
     confidence: Float64[ndarray, "m k"] | None
     margin: Float64[ndarray, "m"]
     sequences: SequenceMatches | None
+
+    def single(self, query: int) -> list[Match]:
+        """The matches of a query by itself, the best first."""
+        sure: Iterable[float | None] = repeat(None) if self.confidence is None else self.confidence[query].tolist()
+        found = zip(self.neighbours.indices[query].tolist(), self.neighbours.values[query].tolist(), sure, strict=False)
+        return [Match(*each) for each in found]
+
+    def by_sequence(self, query: int) -> list[Match] | None:
+        """Its matches with the queries before it, the best first; None if none were asked for."""
+        if self.sequences is None:
+            return None
+        found = zip(self.sequences.indices[query].tolist(), self.sequences.scores[query].tolist(), strict=True)
+        return [Match(image, score, None) for image, score in found]
+
+    def margin_of(self, query: int) -> float | None:
+        """The margin of its best match; None where the map has no other place."""
+        margin = float(self.margin[query])
+        return None if math.isnan(margin) else margin
 
 
 def match(

@@ -1,14 +1,11 @@
 """All that is told of each query, as plain values."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
-
-from jaxtyping import Float, Int64
-from numpy import ndarray
 
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.known_places import KnownPlaces
-from sextant.applications.places.matching import Matches
+from sextant.applications.places.matching import Match, Matches
 from sextant.data.source import file_sha256
 
 DIGITS = 6
@@ -24,7 +21,6 @@ def query_rows(
     ``matches`` are the best first. ``right`` and ``in_map`` are there where the truth is known; a query whose place is
     not in the map has no right match.
     """
-    best, sequences = matches.neighbours, matches.sequences
     found = iter(range(len(queries.index)))
     rows: list[dict[str, Any]] = []
     for name in queries.photos.names:
@@ -32,45 +28,29 @@ def query_rows(
             rows.append({"query": name, "error": queries.failed[name]})
             continue
         i = next(found)
-        margin = float(matches.margin[i])
-        row: dict[str, Any] = {"query": name, "margin": None if margin != margin else round(margin, DIGITS)}
-        confidence = None if matches.confidence is None else matches.confidence[i]
-        row["matches"] = _listed(
-            reference, best.indices[i], best.values[i], confidence, _right(places, i, best.indices)
-        )
-        if sequences is not None:
-            right = _right(places, i, sequences.indices)
-            row["sequence_matches"] = _listed(reference, sequences.indices[i], sequences.scores[i], None, right)
+        single, sequenced, margin = matches.single(i), matches.by_sequence(i), matches.margin_of(i)
+        right = None if places.positives is None else set(places.positives[i].tolist())
+        row: dict[str, Any] = {"query": name, "margin": None if margin is None else round(margin, DIGITS)}
+        row["matches"] = _listed(reference, single, right)
+        if sequenced is not None:
+            row["sequence_matches"] = _listed(reference, sequenced, right)
         if places.positives is not None:
             row["in_map"] = bool(places.positives.matchable[i])
-        if best.values[i, 0] > ALIKE and _same_file(reference, queries, name, row["matches"][0]["match"]):
+        if single[0].similarity > ALIKE and _same_file(reference, queries, name, row["matches"][0]["match"]):
             row["same_file"] = True
         rows.append(row)
     return rows
 
 
-def _right(places: KnownPlaces, query: int, indices: Int64[ndarray, "m k"]) -> list[bool] | None:
-    if places.positives is None:
-        return None
-    own = set(places.positives[query].tolist())
-    return [int(j) in own for j in indices[query]]
-
-
-def _listed(
-    reference: DescribedPhotos,
-    indices: Int64[ndarray, "k"],
-    values: Float[ndarray, "k"],
-    confidence: Float[ndarray, "k"] | None,
-    right: Sequence[bool] | None,
-) -> list[dict[str, Any]]:
+def _listed(reference: DescribedPhotos, matches: Sequence[Match], right: Set[int] | None) -> list[dict[str, Any]]:
     names = reference.index.names or ()
     listed = []
-    for rank, (j, value) in enumerate(zip(indices, values, strict=True)):
-        row = {"rank": rank + 1, "match": names[j], "similarity": round(float(value), DIGITS)}
+    for rank, (image, similarity, confidence) in enumerate(matches, 1):
+        row = {"rank": rank, "match": names[image], "similarity": round(similarity, DIGITS)}
         if confidence is not None:
-            row["confidence"] = round(float(confidence[rank]), DIGITS)
+            row["confidence"] = round(confidence, DIGITS)
         if right is not None:
-            row["right"] = bool(right[rank])
+            row["right"] = image in right
         listed.append(row)
     return listed
 
