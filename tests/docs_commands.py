@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from sextant import cli
-from sextant.cli import corruptions_make, dashboard, gallery, predict, report
+from sextant.cli import corruptions_make, dashboard, gallery, predict, report, train
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.cli.evaluate import split_run
@@ -87,7 +87,8 @@ def check(command: Command) -> None:
 
 
 def _train(command: Command, words: list[str]) -> None:
-    overrides = [word for word in words if word != "-m" and not word.startswith("--config-dir=")]
+    flags = ("-m", train.DRY_RUN) if "-m" in words else ()
+    overrides = [word for word in words if word not in flags and not word.startswith("--config-dir=")]
     if "-m" not in words:
         _among(command.text, "without -m", ["without -m"] if not any(w.startswith("sweep=") for w in words) else [])
         checked(to_plain(compose(overrides)))
@@ -147,6 +148,11 @@ def _runs(command: Command, words: list[str]) -> None:
     _among("sextant runs", words[0] if words else "list", ["list", "delete"])
 
 
+def _sweep(command: Command, words: list[str]) -> None:
+    _among("sextant sweep", words[0], ["status", "attach", "cancel"])
+    _among("sextant sweep", words[1], [*groups()["sweep"], SOMETHING])
+
+
 def _doctor(command: Command, words: list[str]) -> None:
     _among("sextant doctor", " ".join(words), ["", "calibration"])
 
@@ -163,6 +169,7 @@ VERBS = {
     "train": _train,
     "evaluate": _evaluate,
     "predict": _predict,
+    "sweep": _sweep,
     "report": _report,
     "data": _data,
     "runs": _runs,

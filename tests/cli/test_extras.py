@@ -9,7 +9,7 @@ import pytest
 from sextant import cli
 
 #: packages whose modules have another name
-MODULES = {"hydra_core": "hydra", "hydra_joblib_launcher": "hydra_plugins", "pyyaml": "yaml"}
+MODULES = {"hydra_core": "hydra", "pyyaml": "yaml"}
 
 
 @pytest.mark.parametrize(

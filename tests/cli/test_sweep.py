@@ -33,9 +33,9 @@ def launcher(outputs, started, failing=()):
 
     def launch(jobs):
         outcomes = []
-        for overrides in jobs:
-            started.append(overrides)
-            failed = any(word in overrides for word in failing)
+        for job in jobs:
+            started.append(job.overrides)
+            failed = any(word in job.overrides for word in failing)
             outcomes.append({"status": "failed" if failed else "finished", "message": "no" if failed else ""})
         plan = read_plan(find_sweep("shared", outputs))
         for cell in plan.cells:
@@ -52,7 +52,7 @@ def launcher(outputs, started, failing=()):
 
 def test_a_run_that_two_arms_read_is_started_once(tmp_path, capsys):
     started = []
-    run_sweep(arguments(tmp_path), launcher(tmp_path, started))
+    run_sweep(arguments(tmp_path), run_cells=launcher(tmp_path, started))
     chosen = [[o for o in job if o.startswith(("task.filters_per_class", "seed"))] for job in started]
     assert chosen == [[f"task.filters_per_class={n}", f"seed={seed}"] for n in (3, 4) for seed in (0, 1)]
     assert "6 cells of 4 runs planned, 0 finished already" in capsys.readouterr().out
@@ -64,7 +64,7 @@ def test_a_run_that_two_arms_read_is_started_once(tmp_path, capsys):
 
 def test_a_run_that_fails_fails_both_arms(tmp_path):
     with pytest.raises(SystemExit):
-        run_sweep(arguments(tmp_path), launcher(tmp_path, [], failing=["seed=1"]))
+        run_sweep(arguments(tmp_path), run_cells=launcher(tmp_path, [], failing=["seed=1"]))
     plan = read_plan(find_sweep("shared", tmp_path))
     assert [(cell.arm, cell.pair) for cell in plan.cells if cell.message == "no"] == [(arm, 1) for arm in ARMS]
 
@@ -85,7 +85,7 @@ def test_an_arm_that_reads_what_there_is_not_is_told_before_anything_runs(tmp_pa
     given = arguments(tmp_path, paper=f"{{overrides: ['task.test_every=2'], reads: {reads}}}")
     given[0] = f"task={task}"
     with pytest.raises(UserError, match=re.escape(says)):
-        run_sweep(given, lambda jobs: pytest.fail("it was started"))
+        run_sweep(given, run_cells=lambda jobs: pytest.fail("it was started"))
 
 
 def test_a_group_that_is_null_is_told():

@@ -87,7 +87,7 @@ def test_a_sweep_of_two_workers_killed_again_and_again_ends_as_if_it_had_not_bee
         results = RunDirectory(execute(quick_config(whole, epochs, "tracking=none", *choice)).directory).results()
         expected[results["digest"], results["seed"]] = results["metrics"]
     command = [sys.executable, "train.py", "-m", *QUICK, epochs, "inhibition=none,push_pull", "seed=0,1"]
-    command += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    command += ["launcher=joblib", "launcher.workers=2"]
     environment = {**os.environ, "SEXTANT_OUTPUTS": str(outputs)}
     rng, workers = random.Random(1), []
     # planned; then begun, half way, and where a worker goes from one run to the next

@@ -1,4 +1,4 @@
-"""Sweeps with the basic launcher, in one process."""
+"""Sweeps in one process."""
 
 import json
 import sys
@@ -106,7 +106,7 @@ def test_a_failing_cell_is_recorded_and_the_rest_go_on(tmp_path, sweep):
 
 
 def test_the_command_line_fixes_a_factor_and_the_seed(tmp_path, sweep):
-    fixed = ["backbone=lenet_c", "seed=5", "hydra/launcher=basic", "tracking=none", "trainer.max_epochs=1"]
+    fixed = ["backbone=lenet_c", "seed=5", "launcher=local", "tracking=none", "trainer.max_epochs=1"]
     sweep(tmp_path, "sweep=demo", *fixed)
     cells = read_plan(find_sweep("demo", tmp_path)).cells
     assert {cell.setting for cell in cells} == {"lenet_c"}
@@ -114,7 +114,7 @@ def test_the_command_line_fixes_a_factor_and_the_seed(tmp_path, sweep):
 
 
 def test_arms_shift_their_seeds(tmp_path, sweep):
-    sweep(tmp_path, "sweep=demo", "sweep.seeds=1", "hydra/launcher=basic", "tracking=none", "sweep.name=tiny")
+    sweep(tmp_path, "sweep=demo", "sweep.seeds=1", "launcher=local", "tracking=none", "sweep.name=tiny")
     cells = read_plan(find_sweep("tiny", tmp_path)).cells
     assert {(cell.arm, cell.pair, cell.seed) for cell in cells} == {
         ("conv", 0, 0),

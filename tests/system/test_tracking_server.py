@@ -124,15 +124,15 @@ def test_a_sweep_whose_server_loses_its_database_gets_there(server, tmp_path):
 
     def launch(jobs):
         outcomes = []
-        for number, overrides in enumerate(jobs):
+        for number, job in enumerate(jobs):
             if number == 1:  # of three: the second finds no server, and the third a new one
                 server.stop(losing_everything=True)
             if number == 2:
                 server.start()
-            outcomes.append(execute_cell(to_plain(compose(overrides))))
+            outcomes.append(execute_cell(to_plain(compose(job.overrides))))
         return outcomes
 
-    run_sweep([*tracking, "seed=0,1,2"], launch)
+    run_sweep([*tracking, "seed=0,1,2"], run_cells=launch)
     plan = read_plan(find_sweep("sweep", outputs))
     directories = [RunDirectory(outputs / cell.run) for cell in plan.cells]
     (parent,) = require_whole(server, *directories)

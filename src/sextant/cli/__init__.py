@@ -16,6 +16,7 @@ VERBS = {
         "sextant.cli.predict",
         "classify images, calibrate photos, find places, or detect what an example shows",
     ),
+    "sweep": ("sextant.cli.sweep", "status of a sweep that runs elsewhere; attach to it, or cancel it"),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
     "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
@@ -26,7 +27,7 @@ VERBS = {
 #: extra of the package -> what it brings that a command may miss
 EXTRAS = {
     "train": (
-        "rich", "hydra", "omegaconf", "hydra_plugins", "pytorch_lightning", "torchvision", "mlflow", "yaml",
+        "rich", "hydra", "omegaconf", "pytorch_lightning", "torchvision", "mlflow", "yaml",
         "matplotlib", "statsmodels", "filelock", "psutil", "joblib",
     ),
     "worlds": ("embreex", "shapely", "networkx"),

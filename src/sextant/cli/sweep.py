@@ -1,28 +1,55 @@
-"""``train.py -m``: a sweep, and how it went."""
+"""``train.py -m``: a sweep, and how it went; ``sextant sweep``: one that runs elsewhere."""
 
+from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.markup import escape
+from rich.table import Table
 
+from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
 from sextant.cli.terminal import TERMINAL
+from sextant.errors import UserError
 from sextant.lifecycle import sweep
-from sextant.lifecycle.workers import Launch
+from sextant.runs.outputs_folder import default_outputs
+
+USAGE = "sextant sweep status|attach|cancel <sweep> [outputs=<folder>]"
 
 
-def run_sweep(arguments: Sequence[str], launch: Launch) -> None:
+def main(arguments: Sequence[str]) -> None:
+    """Look after a sweep that runs in another process or on a cluster."""
+    if any(argument in ("-h", "--help") for argument in arguments):
+        print(
+            f"{USAGE}\n\n  status  how many runs are finished, run, wait or failed\n"
+            "  attach  wait for the rest, and submit what got lost\n"
+            "  cancel  end what runs and waits; what is finished is kept"
+        )
+        return
+    verb, names = (arguments[0], [word for word in arguments[1:] if "=" not in word]) if arguments else ("", [])
+    verbs = {"status": _status, "attach": _attach, "cancel": _cancel}
+    if verb not in verbs or len(names) != 1:
+        raise UserError(f"sweep {' '.join(arguments)}: not understood".replace("  ", " "), USAGE)
+    given = parse_arguments([word for word in arguments[1:] if "=" in word], {"outputs": "output folder"}, USAGE)
+    from sextant.runs.sweep_directory import find_sweep
+
+    verbs[verb](find_sweep(names[0], Path(given.get("outputs", default_outputs())).expanduser().absolute()))
+
+
+def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: sweep.Launch | None = None) -> None:
     """Run a sweep, and say how it went.
 
     Args:
         arguments: the overrides of the command line; those that list several values are its factors.
-        launch: runs cells with Hydra's launcher and returns their outcomes.
+        wait, run_cells: as for :func:`sextant.lifecycle.sweep.run_sweep`.
 
     Raises:
         UserError: a cell's config is wrong; nothing was run then.
         SystemExit: status 1 if any cell failed; the others have run.
     """
-    found = sweep.run_sweep(arguments, launch, TERMINAL)
-    counts = ", ".join(f"{found.count(name)} {name}" for name in ("finished", "diverged", "failed"))
+    found = sweep.run_sweep(arguments, TERMINAL, runs=TERMINAL, wait=wait, run_cells=run_cells)
+    states = ("finished", "diverged", "failed", *(["submitted"] if found.count("submitted") else []))
+    counts = ", ".join(f"{found.count(state)} {state}" for state in states)  # type: ignore[arg-type]
     console.print(f"[bold]{found.name}[/]: {len(found.cells)} planned, {counts}")
     for cell in found.cells:
         if cell.message:
@@ -30,3 +57,40 @@ def run_sweep(arguments: Sequence[str], launch: Launch) -> None:
     console.print(f"report  sextant report sweep={found.directory.name}")
     if found.count("failed"):
         raise SystemExit(1)
+
+
+def show_dry_run(arguments: Sequence[str]) -> None:
+    """Print what would be run, and what sbatch would be given."""
+    cells, script = sweep.dry_run(arguments, TERMINAL)
+    for cell in cells:
+        print(f"{cell.name}  {' '.join(cell.overrides)}")
+    print(f"{len(cells)} runs are missing")
+    if script:
+        print(f"\n{script}")
+
+
+def _status(directory: Path) -> None:
+    from sextant.lifecycle.sweep_status import sweep_status
+
+    states, controller = sweep_status(directory)
+    counts = Counter(state.state for state in states)
+    console.print(f"[bold]{directory.name}[/]: {', '.join(f'{n} {state}' for state, n in sorted(counts.items()))}")
+    console.print(f"run by {controller}" if controller else "no process waits for it")
+    shown = [state for state in states if state.where]
+    if shown:
+        table = Table("run", "state", "where, or why")
+        for state in shown:
+            table.add_row(state.run, state.state, escape(state.where))
+        console.print(table)
+
+
+def _attach(directory: Path) -> None:
+    from sextant.runs.sweep_directory import read_plan
+
+    run_sweep(read_plan(directory).command, wait=True)
+
+
+def _cancel(directory: Path) -> None:
+    from sextant.lifecycle.sweep_status import cancel_sweep
+
+    console.print(cancel_sweep(directory))

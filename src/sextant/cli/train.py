@@ -1,13 +1,9 @@
 """``train.py``: one run, or with ``-m`` a sweep."""
 
-import os
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 import hydra
-from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from sextant.cli.console import reporting_mistakes
@@ -20,6 +16,7 @@ from sextant.runs.outputs_folder import conf_dir
 from sextant.tracking.environment import quiet_libraries
 
 MULTIRUN = ("-m", "--multirun")
+DRY_RUN = "--dry-run"
 #: Flags with which Hydra only prints something.
 ONLY_PRINT = ("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc")
 
@@ -34,6 +31,9 @@ def main(arguments: Sequence[str]) -> None:
     quiet_libraries()
     register_resolvers()
     words, folder = _without_config_dir(arguments)
+    if any(word in MULTIRUN for word in words):
+        _sweep(words, folder)
+        return
     sys.argv = [sys.argv[0], *words]
     if folder is not None:
         sys.argv += ["--config-dir", folder]
@@ -42,25 +42,28 @@ def main(arguments: Sequence[str]) -> None:
         hydra.main(config_path=str(conf_dir()), config_name="train", version_base="1.3")(run_config)()
 
 
+def _sweep(words: Sequence[str], folder: str | None) -> None:
+    """A sweep needs nothing of Hydra but the composing of configs."""
+    from sextant.cli.sweep import run_sweep, show_dry_run
+    from sextant.lifecycle.sweep_plan import check_sweep_overrides
+
+    flags = [word for word in words if word.startswith("-") and word not in (*MULTIRUN, DRY_RUN)]
+    if flags:
+        told = "prints something about one run, -m starts many" if flags[0].split("=")[0] in ONLY_PRINT else "unknown"
+        raise UserError(f"{flags[0]} {told}", "Leave one of them out.")
+    overrides = [word for word in words if not word.startswith("-")]
+    with own_configs(folder):
+        check_sweep_overrides(overrides)
+        (show_dry_run if DRY_RUN in words else run_sweep)(overrides)
+
+
 def _check(arguments: Sequence[str]) -> None:
     """Find mistakes in the arguments before anything heavy is imported."""
-    printing = [argument for argument in arguments if argument.split("=")[0] in ONLY_PRINT]
-    sweeping = any(argument in MULTIRUN for argument in arguments)
-    if printing and sweeping:
-        raise UserError(f"{printing[0]} prints something about one run, -m starts many", "Leave one of them out.")
-    if printing:
-        if printing[0].split("=")[0] in PRINT_CONFIG:
-            overrides = [word for word in arguments if ("=" in word or "~" in word) and not word.startswith("-")]
-            checked(to_plain(compose(overrides)))
-        return
-    overrides = [argument for argument in arguments if not argument.startswith("-")]
-    if sweeping:
-        from sextant.lifecycle.sweep_plan import check_sweep_overrides
-
-        check_sweep_overrides(overrides)
-        os.environ.setdefault("HYDRA_FULL_ERROR", "1")
-    else:
-        preflight(overrides, TERMINAL)
+    if not any(argument.split("=")[0] in ONLY_PRINT for argument in arguments):
+        preflight([argument for argument in arguments if not argument.startswith("-")], TERMINAL)
+    elif any(argument.split("=")[0] in PRINT_CONFIG for argument in arguments):
+        overrides = [word for word in arguments if ("=" in word or "~" in word) and not word.startswith("-")]
+        checked(to_plain(compose(overrides)))
 
 
 def _without_config_dir(arguments: Sequence[str]) -> tuple[list[str], str | None]:
@@ -75,17 +78,10 @@ def _without_config_dir(arguments: Sequence[str]) -> tuple[list[str], str | None
     return words, folder
 
 
-def run_config(config: DictConfig) -> dict[str, Any] | None:
-    """What Hydra calls for every run: a single one ends the process, a cell of a sweep returns its outcome."""
-    quiet_libraries()
+def run_config(config: DictConfig) -> None:
+    """What Hydra calls for a run."""
     from sextant.cli.show import show_result
-    from sextant.lifecycle.execute import execute, execute_cell
-    from sextant.lifecycle.workers import end_with_controller
+    from sextant.lifecycle.execute import execute
 
-    raw = to_plain(config)
-    if HydraConfig.get().mode == RunMode.MULTIRUN:
-        end_with_controller()
-        return execute_cell(raw, TERMINAL)
     with reporting_mistakes():
-        show_result(execute(raw, reporter=TERMINAL))
-    return None
+        show_result(execute(to_plain(config), reporter=TERMINAL))

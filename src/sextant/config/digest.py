@@ -5,8 +5,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-#: Keys that do not change what is computed: where it is kept, how it is shown, how many processes fetch the data.
-NUISANCE = ("seed", "paths", "tracking", "sweep", "reuse", "hydra")
+#: Keys that do not change what is computed: where it runs and is kept, how it is shown, how many processes fetch data.
+NUISANCE = ("seed", "paths", "tracking", "sweep", "launcher", "reuse", "hydra")
 NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": ("download",)}
 
 

@@ -111,6 +111,9 @@ def _is_tag(part: str | int, options: Iterable[Any]) -> bool:
             literal = get_args(option.model_fields["target"].annotation)
             if part in literal or (part == "custom" and not literal):
                 return True
-        elif "name" in option.model_fields and part in get_args(option.model_fields["name"].annotation):
-            return True  # of a task
+        elif any(  # of a task, of a launcher
+            name in option.model_fields and part in get_args(option.model_fields[name].annotation)
+            for name in ("name", "kind")
+        ):
+            return True
     return False

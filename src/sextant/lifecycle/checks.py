@@ -37,7 +37,13 @@ def preflight(overrides: Sequence[str], reporter: Reporter = SILENT) -> dict[str
         name = next(override for override in overrides if override.startswith("sweep="))
         raise UserError(f"{name} is a sweep of many runs", f"Run it with -m: sextant train -m {' '.join(overrides)}")
     raw = to_plain(compose(overrides))
-    require_environment(checked(raw), reporter)
+    config = checked(raw)
+    if config.launcher.kind != "local":
+        raise UserError(
+            f"launcher={config.launcher.kind} runs sweeps",
+            f"Add -m, a sweep of one run is a sweep: sextant train -m {' '.join(overrides)}",
+        )
+    require_environment(config, reporter)
     return raw
 
 

@@ -15,6 +15,7 @@ import yaml
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config, digest
 from sextant.errors import LossNotFiniteError, UserError
+from sextant.lease import Lease
 from sextant.lifecycle.checks import checked, require_possible
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.recipes import Source, recipe_of
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 
 OpenMirror = Callable[[], "MirroredRun | None"]
 Work = Callable[[RunDirectory, OpenMirror], dict[str, Any]]
-Status = Literal["finished", "diverged", "failed"]
+NO_PARAMETERS = ("paths", "tracking", "sweep", "launcher")
+Status = Literal["finished", "diverged", "failed", "submitted"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,8 @@ class Outcome:
 
     Attributes:
         status: ``diverged`` is a run that finished without having learnt, by the rule of ``evaluation.protocols``, or
-            whose loss became nan; ``failed`` is a run that an error ended.
+            whose loss became nan; ``failed`` is a run that an error ended; ``submitted`` one that a cluster has yet to
+            run.
         directory: where it lies.
         reused: it had been finished before.
         message: why it failed.
@@ -109,12 +112,12 @@ def run_once(
     ``check`` raises what makes that impossible, before there is a directory.
     """
     outputs = Path(config.paths.outputs)
-    with run_lock(outputs / "runs" / key.task, key.name, wait):
+    with run_lock(outputs / "runs" / key.task, key.name, wait, config.launcher.lease_s) as lease:
         found = claim(outputs, key, config.reuse)
         results = found.directory.results()
         if not found.finished or results is None:
             check()
-            return _Run(found, key, config, reporter).run(work, published)
+            return _Run(found, key, config, reporter, lease).run(work, published)
     if config.tracking.parent_run is None:
         fill_if_behind(config, [found.directory], reporter)
     return Outcome(results["outcome"], found.directory.path, reused=True, message=str(results.get("message", "")))
@@ -132,8 +135,9 @@ def fill_if_behind(config: Config, directories: Iterable[RunDirectory], reporter
 class _Run:
     """One run, from the claim of its directory to its outcome."""
 
-    def __init__(self, found: Claim, key: RunKey, config: Config, reporter: RunReporter):
+    def __init__(self, found: Claim, key: RunKey, config: Config, reporter: RunReporter, lease: Lease):
         self.directory: RunDirectory = found.directory
+        self.lease = lease
         self.passed_over = found.passed_over
         self.key, self.config, self.reporter = key, config, reporter
         self.mirror: MirroredRun | None = None
@@ -155,6 +159,7 @@ class _Run:
         for leftover in path.rglob(".*.tmp"):  # of a process that was killed while it wrote
             leftover.unlink(missing_ok=True)
         plain = dict(self.config.plain)
+        params = {key: value for key, value in plain.items() if key not in NO_PARAMETERS}
         text = yaml.safe_dump(plain, sort_keys=False)
         write_atomically(self.directory.config, lambda file: file.write(text.encode()))
         earlier = self.directory.state()
@@ -166,7 +171,7 @@ class _Run:
                 "ended": None,
                 "failure": None,
                 "tracking": self._tracking_note(earlier.get("tracking")),
-                "params": _flat({k: v for k, v in plain.items() if k not in ("paths", "tracking", "sweep")}),
+                "params": _flat(params),
             }
         )
 
@@ -215,6 +220,8 @@ class _Run:
         try:
             yield
         except BaseException as error:
+            if self.lease.taken_over():  # the directory is another process's now
+                raise
             interrupted = isinstance(error, KeyboardInterrupt | SystemExit)
             message = "interrupted" if interrupted else f"{type(error).__name__}: {error}"
             with suppress(OSError):  # a full disk must not hide what ended the run

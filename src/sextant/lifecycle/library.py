@@ -10,7 +10,6 @@ from sextant.lifecycle.execute import Outcome, execute
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.lifecycle.sweep import SweepOutcome, run_sweep
 from sextant.lifecycle.sweep_plan import check_sweep_overrides
-from sextant.lifecycle.workers import in_process
 from sextant.tracking.environment import quiet_libraries
 
 
@@ -52,7 +51,8 @@ def sweep(
         name: of a stored sweep; without one, the sweep is of all overrides that list several values, and the last of
             these (apart from the seed) is what is compared.
         overrides: of the config, such as ``sweep.seeds=3`` or ``inhibition=none,push_pull``.
-        workers: how many processes; 1 runs one cell after another in this one.
+        workers: how many processes on this machine; 1 runs one cell after another in this one. For a cluster, say so
+            in ``overrides``: ``launcher=slurm``.
         config_dir: as for :func:`run`.
         reporter: listens to the sweep, not to its runs.
 
@@ -66,9 +66,11 @@ def sweep(
     """
     quiet_libraries()
     arguments = [*([] if name is None else [f"sweep={name}"]), *overrides]
+    if not any(override.startswith("launcher=") for override in overrides):
+        arguments += ["launcher=local"] if workers == 1 else ["launcher=joblib", f"launcher.workers={workers}"]
     with own_configs(config_dir):
         check_sweep_overrides(arguments)
-        return run_sweep(arguments, in_process(workers), reporter)
+        return run_sweep(arguments, reporter)
 
 
 def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunReporter = SILENT_RUN) -> Outcome:

@@ -2,21 +2,25 @@
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sextant.config import Config
+from sextant.config.schema.launchers import SlurmLauncher
 from sextant.lifecycle.execute import Outcome, Status, fill_if_behind
+from sextant.lifecycle.launchers import launch, require_launcher
+from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.lifecycle.sweep_plan import Planned, make_plan
-from sextant.lifecycle.workers import Launch, announce_controller
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
 POLL_S = 1.0
+#: runs cells and says how each ended, None for one that was left to a cluster
+Launch = Callable[[Cells], Outcomes]
 
 
 @dataclass(frozen=True)
@@ -40,47 +44,84 @@ class SweepOutcome:
         return sum(outcome.status == status for outcome in self.outcomes)
 
 
-def run_sweep(arguments: Sequence[str], launch: Launch, reporter: RunReporter = SILENT_RUN) -> SweepOutcome:
+def run_sweep(
+    arguments: Sequence[str],
+    reporter: RunReporter = SILENT_RUN,
+    *,
+    runs: RunReporter = SILENT_RUN,
+    wait: bool | None = None,
+    run_cells: Launch | None = None,
+) -> SweepOutcome:
     """Plan a sweep and run its missing cells; those that fail do not keep the others from running.
 
     Args:
         arguments: overrides; those that list several values are the factors of the sweep.
-        launch: runs cells.
-        reporter: listens.
+        reporter: listens to the sweep.
+        runs: listens to its runs, where they run.
+        wait: for what is submitted to a cluster; None leaves that to ``launcher.wait``.
+        run_cells: runs cells in place of the config's launcher.
 
     Raises:
-        UserError: a cell's config is wrong; nothing was run then.
+        UserError: a cell's config is wrong, or the launcher cannot be used; nothing was run then.
     """
     plan, planned, config = make_plan(arguments, reporter)
-    outputs = Path(config.paths.outputs)
-    with run_lock(outputs / "sweeps", plan.directory(outputs).name, wait=False):
-        plan = _run_planned(plan, planned, config, outputs, launch, reporter)
+    if wait is not None and isinstance(config.launcher, SlurmLauncher):
+        config = config.model_copy(update={"launcher": config.launcher.model_copy(update={"wait": wait})})
+    require_launcher(config)
+    outputs = Path(config.paths.outputs).absolute()
+    directory = plan.directory(outputs)
+
+    def launched(cells: Cells) -> Outcomes:
+        return launch(cells, config, directory, reporter, runs)
+
+    with run_lock(outputs / "sweeps", directory.name, wait=False, lease_s=config.launcher.lease_s):
+        plan, left = _run_planned(plan, planned, config, outputs, run_cells or launched, reporter)
     fill_if_behind(config, [RunDirectory(outputs / cell.run) for cell in plan.cells], reporter)
     before = {entry.cell.run for entry in planned if entry.finished}
-    outcomes = [_outcome(cell, outputs, reused=cell.run in before) for cell in plan.cells]
-    return SweepOutcome(plan.name, plan.directory(outputs), tuple(plan.cells), tuple(outcomes))
+    outcomes = [_outcome(cell, outputs, reused=cell.run in before, left=cell.run in left) for cell in plan.cells]
+    return SweepOutcome(plan.name, directory, tuple(plan.cells), tuple(outcomes))
+
+
+def dry_run(arguments: Sequence[str], reporter: RunReporter = SILENT_RUN) -> tuple[list[CellTask], str]:
+    """What :func:`run_sweep` would run, and what it would give to sbatch if that is how; nothing is run or written.
+
+    Raises:
+        UserError: as :func:`run_sweep`.
+    """
+    plan, planned, config = make_plan(arguments, reporter)
+    require_launcher(config)
+    outputs = Path(config.paths.outputs).absolute()
+    cells = missing_cells(planned, outputs)
+    if not (cells and isinstance(config.launcher, SlurmLauncher)):
+        return cells, ""
+    from sextant.lifecycle.launchers.slurm import script
+
+    return cells, script(cells, config.launcher, plan.directory(outputs))
+
+
+def missing_cells(planned: Sequence[Planned], outputs: Path) -> list[CellTask]:
+    """The runs that are missing, each once: arms that read other answers of the same run share it."""
+    missing = {entry.cell.run: entry for entry in planned if not entry.finished}
+    return [CellTask(tuple(entry.overrides), outputs / run) for run, entry in missing.items()]
 
 
 def _run_planned(
-    plan: SweepPlan, planned: list[Planned], config: Config, outputs: Path, launch: Launch, reporter: RunReporter
-) -> SweepPlan:
+    plan: SweepPlan, planned: list[Planned], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
+) -> tuple[SweepPlan, set[str]]:
+    """The plan as it ended, and the runs that were left to a cluster."""
     if (plan.directory(outputs) / "cells.json").exists():  # begun before: it keeps its parent run
         before = read_plan(plan.directory(outputs))
         plan = replace(plan, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
     plan.write(outputs)
-    started: dict[str, Planned] = {}  # arms that read other answers of the same run share it
-    for entry in planned:
-        if not entry.finished:
-            started.setdefault(entry.cell.run, entry)
-    missing = list(started.values())
+    missing = missing_cells(planned, outputs)
     reporter.planned(plan, len({cell.run for cell in plan.cells}) - len(missing))
-    return _run_missing(plan, missing, config, outputs, launch, reporter) if missing else plan
+    return _run_missing(plan, missing, config, outputs, run_cells, reporter) if missing else (plan, set())
 
 
 def _run_missing(
-    plan: SweepPlan, missing: list[Planned], config: Config, outputs: Path, launch: Launch, reporter: RunReporter
-) -> SweepPlan:
-    quiet = ["trainer.progress=false"]
+    plan: SweepPlan, missing: list[CellTask], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
+) -> tuple[SweepPlan, set[str]]:
+    added = ["trainer.progress=false", "paths.outputs='{}'".format(str(outputs).replace("'", r"\'"))]
     parent = None
     plan = replace(plan, began=plan.began or time.time(), ended=0.0)
     plan.write(outputs)
@@ -93,27 +134,28 @@ def _run_missing(
         if parent.run_id not in plan.mlflow_runs:
             plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
         plan.write(outputs)
-        quiet.append(f"tracking.parent_run={parent.run_id}")
+        added.append(f"tracking.parent_run={parent.run_id}")
         catch_up(config.tracking.kind, config.tracking.uri, outputs, reporter)
-    announce_controller()
     try:
-        with _watched([RunDirectory(outputs / entry.cell.run) for entry in missing], reporter):
-            outcomes = launch([[*entry.overrides, *quiet] for entry in missing])
+        with _watched([RunDirectory(cell.run) for cell in missing], reporter):
+            outcomes = run_cells([replace(cell, overrides=(*cell.overrides, *added)) for cell in missing])
     except BaseException as error:
         plan = _ended(plan, outputs)
         if parent is not None:
             killed = isinstance(error, KeyboardInterrupt | SystemExit)
             parent.status("KILLED" if killed else "FAILED", plan.ended)
         raise
-    failed = {
-        entry.cell.run: outcome["message"]
-        for entry, outcome in zip(missing, outcomes, strict=True)
-        if outcome["status"] == "failed"
-    }
-    plan = _ended(replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells]), outputs)
-    if parent is not None:
-        parent.status("FAILED" if failed else "FINISHED", plan.ended)
-    return plan
+    ended = {cell.run.relative_to(outputs).as_posix(): how for cell, how in zip(missing, outcomes, strict=True)}
+    failed = {run: how["message"] for run, how in ended.items() if how is not None and how["status"] == "failed"}
+    plan = replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells])
+    left = {run for run, how in ended.items() if how is None}
+    if left:
+        plan.write(outputs)
+    else:
+        plan = _ended(plan, outputs)
+        if parent is not None:
+            parent.status("FAILED" if failed else "FINISHED", plan.ended)
+    return plan, left
 
 
 def _ended(plan: SweepPlan, outputs: Path) -> SweepPlan:
@@ -143,7 +185,8 @@ def _watched(missing: list[RunDirectory], reporter: RunReporter) -> Iterator[Non
         watcher.join()
 
 
-def _outcome(cell: Cell, outputs: Path, *, reused: bool) -> Outcome:
+def _outcome(cell: Cell, outputs: Path, *, reused: bool, left: bool) -> Outcome:
     run = RunDirectory(outputs / cell.run)
     results = run.results()
-    return Outcome("failed" if results is None else results["outcome"], run.path, reused, cell.message)
+    status: Status = "submitted" if left else "failed"
+    return Outcome(status if results is None else results["outcome"], run.path, reused, cell.message)

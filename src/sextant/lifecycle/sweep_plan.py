@@ -177,7 +177,11 @@ def check_sweep_overrides(overrides: Sequence[str]) -> None:
     Raises:
         UserError: as :func:`~sextant.composing.compose.compose`.
     """
-    choices = [[f"{o.key}={choice}" for choice in o.choices()] if o.sweeps else [o.text] for o in parse(overrides)]
+    parsed = parse(overrides)
+    for override in parsed:
+        if override.key.replace(".", "/").startswith("hydra/launcher"):
+            raise UserError(f"{override.text}: not Hydra's launchers run sweeps", "launcher=joblib launcher.workers=4")
+    choices = [[f"{o.key}={choice}" for choice in o.choices()] if o.sweeps else [o.text] for o in parsed]
     first = [options[0] for options in choices]
     compose(first)
     for number, options in enumerate(choices):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytorch_lightning as pl
 import torch
+from lightning_fabric.plugins.environments import LightningEnvironment
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 
 from sextant.atomic_files import write_atomically, write_json
@@ -119,7 +120,7 @@ def _trainer(config: Config, directory: RunDirectory, logger: RunLogger, callbac
         logger=logger,
         callbacks=callbacks,
         enable_checkpointing=bool(callbacks),
-        plugins=[AtomicCheckpointIO()],
+        plugins=[AtomicCheckpointIO(), LightningEnvironment()],  # else it would queue jobs of SLURM again by itself
         default_root_dir=directory.path,
         log_every_n_steps=config.trainer.log_every,
         num_sanity_val_steps=0,

@@ -1,14 +1,14 @@
-"""One process per run directory."""
+"""One process per run directory, on however many hosts."""
 
-import os
-import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 from sextant.errors import UserError
+from sextant.lease import LEASE_S, Holder, Lease, look, take
+
+POLL_S = 0.5
 
 
 class LockedError(UserError):
@@ -16,30 +16,54 @@ class LockedError(UserError):
 
 
 @contextmanager
-def run_lock(folder: Path, name: str, wait: bool) -> Iterator[None]:
-    """Hold the lock of the runs called ``name``; the system frees it when the process ends, however it ends.
+def run_lock(folder: Path, name: str, wait: bool, lease_s: float = LEASE_S) -> Iterator[Lease]:
+    """Hold the lock of the runs called ``name``; it is free when the process ends, however it ends.
+
+    On this host it is so at once; on others that share the disk, after ``lease_s`` in which it was not heard of.
 
     Args:
         folder: the task's folder of run directories.
         name: the run's name.
         wait: wait for another process, as sweeps do, rather than give up.
+        lease_s: in seconds.
 
     Raises:
-        LockedError: another process holds the lock and ``wait`` is false; names it.
+        LockedError: another process holds the lock and ``wait`` is false, or it took the lock over since this process
+            had stood still for too long; names it.
     """
-    locks = folder / ".locks"
-    locks.mkdir(parents=True, exist_ok=True)
-    owner = locks / f"{name}.owner"
-    lock = FileLock(locks / f"{name}.lock")
+    place = _place(folder, name)
+    while isinstance(lease := take(place, lease_s), Holder):
+        if not wait:
+            raise LockedError(
+                f"{folder.name}/{name} is being run by {lease}", "Wait for it, or end it; the run can be resumed then."
+            )
+        time.sleep(POLL_S)
     try:
-        lock.acquire(timeout=-1 if wait else 0)
-    except Timeout:
-        who = owner.read_text() if owner.is_file() else "another process"
+        yield lease
+    except KeyboardInterrupt:
+        if not lease.lost:
+            raise
+        found = look(place)
         raise LockedError(
-            f"{folder.name}/{name} is being run by {who}", "Wait for it, or end it; the run can be resumed then."
+            f"{folder.name}/{name} was taken over by {found[0] if found else 'another process'}: "
+            f"nothing was heard of this one for {lease_s:g} s",
+            "Nothing is lost: the run goes on there.",
         ) from None
-    try:
-        owner.write_text(f"process {os.getpid()} on {socket.gethostname()}")
-        yield
     finally:
-        lock.release()
+        lease.release()
+
+
+def run_holder(run: Path) -> tuple[Holder, bool] | None:
+    """Who last held the lock of a run directory and whether that is still at work; None if it was given back."""
+    digest, seed = run.name.split("-")[:2]
+    return look(_place(run.parent, f"{digest}-{seed}"))
+
+
+def sweep_holder(directory: Path) -> Holder | None:
+    """The process that is at work on a sweep."""
+    found = look(_place(directory.parent, directory.name))
+    return found[0] if found and found[1] else None
+
+
+def _place(folder: Path, name: str) -> Path:
+    return folder / ".locks" / name

@@ -12,6 +12,7 @@ from sextant.config.schema.classification.corruptions import TestConditions
 from sextant.config.schema.classification.datasets import LabelledImages
 from sextant.config.schema.cosfire.parts import Bank, Features, Filters, Strategy
 from sextant.config.schema.environment import Paths, Tracking, Trainer
+from sextant.config.schema.launchers import AnyLauncher, LocalLauncher
 from sextant.config.schema.localization.datasets import Drives
 from sextant.config.schema.localization.faults import Fault, FaultSuite
 from sextant.config.schema.localization.parts import (
@@ -71,6 +72,7 @@ class Config(Node):
     init_from: str | None
     reuse: Literal["exact", "any_code"]
     sweep: Sweep | None = None
+    launcher: AnyLauncher = Field(default_factory=LocalLauncher)
 
     @property
     def plain(self) -> Mapping[str, Any]:

@@ -1,0 +1,214 @@
+"""One process at a time, on one host or on several that share a disk.
+
+A lease is a file, numbered; the highest number holds. It is made by linking a finished file to its name, which one
+process can do, over NFS too, where file locks may not reach other hosts. Who holds it touches it now and then. It is
+free once it is deleted, once its process has died, if that ran on this host, or once it was not touched for as long as
+it says: both times are the disk's, no host's clock is asked.
+"""
+
+import ctypes
+import errno
+import json
+import os
+import socket
+import threading
+import uuid
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+#: for how long a lease that is not touched is believed, in seconds
+LEASE_S = 60.0
+BEATS = 6  # within that time
+NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who holds, or held, a lease.
+
+    Attributes:
+        host: its name.
+        place: what tells apart the hosts, and containers on a host, whose process ids mean different processes.
+        process: its id there.
+        began: when it began, in the ticks of its host's clock; process ids come round again.
+        lease_s: for how many seconds the lease lasts that is not touched.
+    """
+
+    host: str
+    place: str
+    process: int
+    began: str
+    lease_s: float
+
+    def __str__(self) -> str:
+        return f"process {self.process} on {self.host}"
+
+    @property
+    def here(self) -> bool:
+        """Whether it would be found among the processes of this host."""
+        return self.place == _place()
+
+
+class Lease:
+    """A lease that this process holds; see :func:`take`.
+
+    Attributes:
+        lost: another process took it over, since this one was not heard of for too long. What it protects must not be
+            written to any more; the thread that took the lease gets a ``KeyboardInterrupt``.
+    """
+
+    def __init__(self, path: Path, lease_s: float):
+        self.path, self.lost = path, False
+        self._taker = threading.get_ident()
+        self._released = threading.Event()
+        self._thread = threading.Thread(target=self._beat, args=(lease_s / BEATS,), daemon=True, name="lease")
+        self._thread.start()
+
+    def release(self) -> None:
+        """Give it back."""
+        self._released.set()
+        self._thread.join()
+        if not self.taken_over():
+            with suppress(OSError):
+                self.path.unlink()
+
+    def taken_over(self) -> bool:
+        """Look whether another process has it now."""
+        successor = self.path.with_name(str(int(self.path.name) + 1))
+        try:
+            self.lost = self.lost or successor.exists() or self.path.stat().st_mtime == 0
+        except OSError:  # the folder was deleted, or the disk is away for now
+            return self.lost
+        return self.lost
+
+    def _beat(self, every_s: float) -> None:
+        while not self._released.wait(every_s):
+            if self.taken_over():
+                interrupt = ctypes.py_object(KeyboardInterrupt)
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._taker), interrupt)
+                return
+            with suppress(OSError):
+                os.utime(self.path)
+
+
+def take(folder: Path, lease_s: float = LEASE_S) -> Lease | Holder:
+    """Take the lease that lies in ``folder``, or say who holds it.
+
+    Args:
+        folder: of this lease alone; made if it is not there.
+        lease_s: for how many seconds it lasts if this process, or its host, is not heard of any more.
+
+    Raises:
+        OSError: the folder cannot be written to.
+
+    Example:
+        >>> from tempfile import mkdtemp
+        >>> folder = Path(mkdtemp())
+        >>> lease = take(folder)
+        >>> isinstance(take(folder), Holder)
+        True
+        >>> lease.release()
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    while True:
+        number, holder = _latest(folder)
+        if holder is not None and _alive(folder / str(number), holder):
+            return holder
+        mine = folder / str(number + 1)
+        if not _made(mine, Holder(socket.gethostname(), _place(), os.getpid(), _began(os.getpid()), lease_s)):
+            continue
+        if max(_numbers(folder)) != number + 1:  # what was read above was old: others have come and gone
+            mine.unlink(missing_ok=True)
+            continue
+        if number:  # so that it knows when it wakes up, whatever has become of its successor by then
+            with suppress(OSError):
+                os.utime(folder / str(number), (0, 0))
+        for older in _numbers(folder):
+            if older < number:
+                (folder / str(older)).unlink(missing_ok=True)
+        return Lease(mine, lease_s)
+
+
+def look(folder: Path) -> tuple[Holder, bool] | None:
+    """Who held the lease in ``folder`` last, and whether that still does; None if it was given back, or never taken."""
+    if not folder.is_dir():
+        return None
+    number, holder = _latest(folder)
+    return None if holder is None else (holder, _alive(folder / str(number), holder))
+
+
+def _numbers(folder: Path) -> list[int]:
+    return sorted(int(entry.name) for entry in os.scandir(folder) if entry.name.isdecimal())
+
+
+def _latest(folder: Path) -> tuple[int, Holder | None]:
+    """The highest number, 0 for none, and who made it."""
+    for number in reversed(_numbers(folder)):
+        with suppress(OSError, ValueError, TypeError):
+            return number, Holder(**json.loads((folder / str(number)).read_text()))
+        if (folder / str(number)).exists():  # damaged: it can be held by nobody
+            return number, None
+    return 0, None
+
+
+def _alive(file: Path, holder: Holder) -> bool:
+    if holder.here:
+        return _began(holder.process) == holder.began
+    try:
+        with file.open() as opened:  # NFS asks the server how old it is when a file is opened
+            touched = os.fstat(opened.fileno()).st_mtime
+    except FileNotFoundError:
+        return False
+    return _disk_time(file.parent) - touched < holder.lease_s
+
+
+def _disk_time(folder: Path) -> float:
+    """What the clock of the disk says now."""
+    probe = folder / f".now.{uuid.uuid4().hex}"
+    try:
+        probe.touch()
+        return probe.stat().st_mtime
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def _made(path: Path, holder: Holder) -> bool:
+    """Make a file that nobody else has made, with its whole content at once."""
+    temporary = path.with_name(f".{uuid.uuid4().hex}")
+    text = json.dumps(asdict(holder))
+    temporary.write_text(text)
+    try:
+        os.link(temporary, path)
+    except FileExistsError:  # or NFS says so of a link that it made when it was asked for the first time
+        return temporary.stat().st_nlink == 2
+    except OSError as error:
+        if error.errno not in NO_LINKS:
+            raise
+        with suppress(FileExistsError), path.open("x") as file:
+            file.write(text)
+            return True
+        return False
+    finally:
+        temporary.unlink(missing_ok=True)
+    return True
+
+
+@cache
+def _place() -> str:
+    """What tells apart hosts, and containers on a host, whose process ids mean different processes."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        return f"{boot} {os.readlink('/proc/self/ns/pid')}"
+    except OSError:
+        return socket.gethostname()
+
+
+def _began(process: int) -> str:
+    """When a process of this host began; empty if it has ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return "" if fields[0] in "ZX" else fields[19]

@@ -1,0 +1,230 @@
+"""Cells as tasks of SLURM job arrays, submitted by submitit and watched by their run directories.
+
+What SLURM keeps of jobs that have ended needs its accounting (sacct), which many clusters do not have; a run
+directory is there in any case. SLURM is asked for one thing: whether a task is still in the queue.
+"""
+
+import logging
+import signal
+import subprocess
+import time
+import uuid
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sextant.atomic_files import read_json, write_json
+from sextant.config.schema.launchers import SlurmLauncher
+from sextant.errors import UserError
+from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes, failed, finished, run_words
+from sextant.lifecycle.launchers.slurm_queue import AT_WORK, Queue, Submission, cancel, read_queue, submissions
+from sextant.lifecycle.run_reporter import RunReporter
+from sextant.runs.locks import run_holder
+
+POLL_S = 1.0
+ASK_S = 10.0  # the queue, at most so often
+LONGEST_ARRAY = 1000  # SLURM's default
+TIMEOUTS = 10_000  # how often a task may reach its time limit and go on
+
+
+@dataclass(frozen=True)
+class ArrayTask:
+    """What a task of an array does: its cells, one after another.
+
+    Attributes:
+        cells: the overrides of each, and the file that is to tell how it ended.
+        reporter: listens to the runs.
+    """
+
+    cells: tuple[tuple[tuple[str, ...], str], ...]
+    reporter: RunReporter
+
+    def __call__(self) -> None:
+        """Run the cells."""
+        signal.signal(signal.SIGTERM, _interrupt)  # submitit would let it pass, and a preempted task wait to be killed
+        for words, file in self.cells:
+            write_json(Path(file), run_words(words, self.reporter))
+
+    def checkpoint(self) -> Any:
+        """Called by submitit before the time limit is reached: the same again, which skips what is finished."""
+        from submitit.helpers import DelayedSubmission
+
+        return DelayedSubmission(self)
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def run_on_slurm(
+    cells: Cells, launcher: SlurmLauncher, folder: Path, reporter: RunReporter, runs: RunReporter
+) -> Outcomes:
+    """Submit what is not in the queue already; wait for all, unless ``launcher.wait`` is false."""
+    array = _Arrays(launcher, folder, reporter, runs)
+    queue, known = read_queue(), _Known(folder)
+    array.submit([cell for cell in cells if known.queued(cell, queue) is None])
+    if not launcher.wait:
+        reporter.say(f"submitted; sextant sweep status, attach or cancel {folder.name}")
+        return [None] * len(cells)
+    try:
+        return array.wait(cells)
+    except KeyboardInterrupt:
+        reporter.say(f"the jobs go on; sextant sweep status, attach or cancel {folder.name}")
+        raise
+
+
+def script(cells: Cells, launcher: SlurmLauncher, folder: Path) -> str:
+    """What would be given to sbatch."""
+    from submitit.slurm.slurm import SlurmExecutor, _make_sbatch_string
+
+    path, count = folder / "slurm" / "dry-run", len(_split(cells, launcher.cells_per_task))
+    parameters = {**_parameters(launcher, Submission(path, []).name), "map_count": None if count == 1 else count}
+    return str(_make_sbatch_string(command=SlurmExecutor(path)._submitit_command_str, folder=path, **parameters))
+
+
+class _Known:
+    """Which task of which array each run was last submitted in."""
+
+    def __init__(self, folder: Path):
+        self.place = {
+            name: (submission, number)
+            for submission in submissions(folder)
+            for number, names in enumerate(submission.tasks)
+            for name in names
+        }
+
+    def queued(self, cell: CellTask, queue: Queue) -> Any:
+        submission, number = self.place.get(cell.name, (None, 0))
+        return None if submission is None or submission.cancelled else queue.get((submission.name, number))
+
+
+class _Arrays:
+    """The job arrays of one call."""
+
+    def __init__(self, launcher: SlurmLauncher, folder: Path, reporter: RunReporter, runs: RunReporter):
+        self.launcher, self.folder, self.reporter, self.runs = launcher, folder, reporter, runs
+        self.attempts: Counter[Path] = Counter()
+        self.missing_since: dict[Path, float] = {}
+
+    def submit(self, cells: Cells) -> None:
+        for tasks in _split(_split(cells, self.launcher.cells_per_task), LONGEST_ARRAY):
+            self._submit(tasks)
+
+    def _submit(self, tasks: Sequence[Cells]) -> None:
+        from submitit.core.utils import FailedJobError
+        from submitit.slurm.slurm import SlurmExecutor
+
+        logging.getLogger("submitit").setLevel(logging.ERROR)
+        submission = Submission(
+            self.folder / "slurm" / uuid.uuid4().hex[:8], [[cell.name for cell in task] for task in tasks]
+        )
+        for cell in (cell for task in tasks for cell in task):
+            self._outcome_file(cell).unlink(missing_ok=True)
+            self.attempts[cell.run] += 1
+            self.missing_since.pop(cell.run, None)
+        submission.write()  # before sbatch: whoever is killed now finds it in the queue by its name
+        executor = SlurmExecutor(submission.path, max_num_timeout=TIMEOUTS)
+        executor.update_parameters(**_parameters(self.launcher, submission.name))
+        work = [
+            ArrayTask(tuple((tuple(cell.words), str(self._outcome_file(cell))) for cell in task), self.runs)
+            for task in tasks
+        ]
+        try:
+            executor.submit_array(work)
+        except (FailedJobError, subprocess.CalledProcessError) as error:
+            said = str(error).strip().splitlines()
+            raise UserError(f"sbatch refused the job array: {said[-1] if said else error}", "See launcher.*") from None
+
+    def _outcome_file(self, cell: CellTask) -> Path:
+        return self.folder / "outcomes" / f"{cell.run.parent.name}-{cell.run.name}.json"
+
+    def _outcome(self, cell: CellTask) -> dict[str, Any] | None:
+        if (found := finished(cell.run)) is not None:
+            return found
+        told = read_json(self._outcome_file(cell))
+        return told if isinstance(told, dict) else None
+
+    def wait(self, cells: Cells) -> Outcomes:
+        """Until each has ended; what vanished from the queue without a trace is submitted again."""
+        outcomes: dict[Path, dict[str, Any]] = {}
+        ask_s, asked = min(ASK_S, self.launcher.lease_s / 3), time.monotonic()
+        while True:
+            for cell in cells:
+                if cell.run not in outcomes and (found := self._outcome(cell)) is not None:
+                    outcomes[cell.run] = found
+            left = [cell for cell in cells if cell.run not in outcomes]
+            if not left:
+                return [outcomes[cell.run] for cell in cells]
+            if time.monotonic() - asked > ask_s:
+                outcomes |= self._look_after(left)
+                asked = time.monotonic()
+            time.sleep(POLL_S)
+
+    def _look_after(self, cells: Cells) -> dict[Path, dict[str, Any]]:
+        """Submit again what is lost; returns the outcomes of what is given up."""
+        try:
+            queue = read_queue()
+        except UserError as error:  # SLURM restarts, and its tasks go on
+            self.reporter.say(f"{error.problem}; waiting for it")
+            return {}
+        known, given_up, again = _Known(self.folder), {}, []
+        for cell in cells:
+            submission, number = known.place[cell.name]
+            if submission.cancelled:
+                given_up[cell.run] = failed(cell.run, "cancelled")
+            elif self._is_lost(cell, queue, submission.name, number):
+                if self.attempts[cell.run] < self.launcher.attempts:
+                    self.reporter.say(f"{cell.name} vanished from the queue, or its node did; it is submitted again")
+                    again.append(cell)
+                else:
+                    given_up[cell.run] = failed(cell.run, self._vanished(submission, number))
+        self.submit(again)
+        return given_up
+
+    def _is_lost(self, cell: CellTask, queue: Queue, name: str, number: int) -> bool:
+        """Whether its task is not in the queue, or at work without a sign of life, and has been so for a while."""
+        queued = queue.get((name, number))
+        if queued is not None:
+            held = run_holder(cell.run) if queued.state in AT_WORK else None
+            if held is None or held[1]:
+                self.missing_since.pop(cell.run, None)
+                return False
+        since = self.missing_since.setdefault(cell.run, time.monotonic())
+        if time.monotonic() - since < self.launcher.lease_s:
+            return False
+        if queued is not None:  # its node died, and SLURM has not noticed yet
+            cancel([queued.job])
+        return True
+
+    def _vanished(self, submission: Submission, number: int) -> str:
+        log = submission.log(number)
+        told = f"its log is {log}" if log else f"no log was written: do all nodes share {self.folder}?"
+        return f"its task ended {self.launcher.attempts} times without a word; {told}"
+
+
+def _split(items: Sequence[Any], size: int) -> list[Sequence[Any]]:
+    return [items[start : start + size] for start in range(0, len(items), size)]
+
+
+def _parameters(launcher: SlurmLauncher, name: str) -> dict[str, Any]:
+    """What submitit's executor is given."""
+    given: dict[str, Any] = {
+        "job_name": name,
+        "time": launcher.time_min,
+        "nodes": 1,
+        "ntasks_per_node": 1,
+        "cpus_per_task": launcher.cpus,
+        "gpus_per_node": launcher.gpus or None,
+        "mem": launcher.memory_gb and f"{int(1024 * launcher.memory_gb)}MB",
+        "partition": launcher.partition,
+        "account": launcher.account,
+        "qos": launcher.qos,
+        "array_parallelism": launcher.at_once or LONGEST_ARRAY,
+        "stderr_to_stdout": True,
+        "use_srun": launcher.srun,
+        "setup": launcher.setup or None,
+        "additional_parameters": {"requeue": True, **launcher.options},
+    }
+    return {key: value for key, value in given.items() if value is not None}

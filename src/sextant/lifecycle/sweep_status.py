@@ -1,0 +1,92 @@
+"""How far a sweep is that runs in another process, or on a cluster; and ending it."""
+
+import os
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+
+from sextant.errors import UserError
+from sextant.lease import Holder
+from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, submissions
+from sextant.runs.directory import RunDirectory
+from sextant.runs.locks import run_holder, sweep_holder
+from sextant.runs.sweep_directory import read_plan
+
+
+@dataclass(frozen=True)
+class RunState:
+    """A run of a sweep.
+
+    Attributes:
+        run: ``<task>/<digest8>-s<seed>``.
+        state: ``finished``, ``diverged``, ``failed``, ``running``, ``queued``, ``silent`` (nothing is heard any more
+            of its process or its host) or ``missing``.
+        where: by which process or job, or why it failed.
+    """
+
+    run: str
+    state: str
+    where: str = ""
+
+
+def sweep_status(directory: Path) -> tuple[list[RunState], Holder | None]:
+    """The state of each run of a sweep, and the process that waits for it, if there is one.
+
+    Args:
+        directory: of the sweep.
+
+    Raises:
+        UserError: its files are damaged, or it was submitted to a SLURM that does not answer.
+    """
+    plan, outputs = read_plan(directory), directory.parents[1]
+    messages = {cell.run: cell.message for cell in plan.cells}
+    queued = _queued(directory)
+    return [_state(outputs / run, message, queued) for run, message in messages.items()], sweep_holder(directory)
+
+
+def _queued(directory: Path) -> dict[str, str]:
+    """The runs that are in SLURM's queue, and as which job."""
+    ours = submissions(directory)
+    queue = read_queue() if ours else {}
+    return {
+        name: f"job {entry.job}: {entry.state.lower()}, {entry.where}"
+        for submission in ours
+        for number, names in enumerate(submission.tasks)
+        for name in names
+        if (entry := queue.get((submission.name, number))) is not None
+    }
+
+
+def _state(run: Path, message: str, queued: dict[str, str]) -> RunState:
+    name = f"{run.parent.name}/{run.name}"
+    results, held = RunDirectory(run).results(), run_holder(run)
+    if results is not None:
+        return RunState(name, results["outcome"])
+    if held is not None and held[1]:
+        return RunState(name, "running", str(held[0]))
+    if name in queued:
+        return RunState(name, "queued", queued[name])
+    if held is not None:
+        return RunState(name, "silent", str(held[0]))
+    failure = message or RunDirectory(run).state().get("failure")
+    return RunState(name, "failed", str(failure).splitlines()[0]) if failure else RunState(name, "missing")
+
+
+def cancel_sweep(directory: Path) -> str:
+    """End a sweep: what it has in SLURM's queue, or the process that runs it on this host, as Ctrl-C would.
+
+    Returns:
+        What was ended.
+
+    Raises:
+        UserError: nothing of it runs, or it runs on another host.
+    """
+    if submissions(directory):
+        return f"{cancel_all(directory)} tasks cancelled; the same command, or sextant sweep attach, goes on"
+    holder = sweep_holder(directory)
+    if holder is None:
+        raise UserError(f"{directory.name} does not run", "sextant sweep status tells how far it is.")
+    if not holder.here:
+        raise UserError(f"{directory.name} is run by {holder}, which is not this host", "End it there, with Ctrl-C.")
+    os.kill(holder.process, signal.SIGINT)
+    return f"{holder} was asked to end; the same command goes on"

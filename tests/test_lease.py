@@ -1,0 +1,160 @@
+"""Leases: one holder at a time, on this host and, by age alone, among hosts that share a disk."""
+
+import json
+import multiprocessing
+import os
+import random
+import signal
+import time
+
+import pytest
+
+from sextant import lease as module
+from sextant.lease import Holder, Lease, look, take
+
+LEASE_S = 3600.0
+SPAWN = multiprocessing.get_context("spawn")
+
+
+def wait_until(true, seconds=30):
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def grown_old(path, seconds):
+    """As if nobody had touched it for so long."""
+    stat = path.stat()
+    os.utime(path, (stat.st_atime - seconds, stat.st_mtime - seconds))
+
+
+@pytest.fixture
+def elsewhere(monkeypatch):
+    """What is held by this process looks to it as if another host held it."""
+    return lambda name: monkeypatch.setattr(module, "_place", lambda: name)
+
+
+def test_who_holds_it_is_named_and_giving_it_back_frees_it(tmp_path):
+    first = take(tmp_path)
+    assert isinstance(first, Lease)
+    found = take(tmp_path)
+    assert isinstance(found, Holder)
+    assert (found.process, found.here) == (os.getpid(), True)
+    assert look(tmp_path) == (found, True)
+    first.release()
+    assert look(tmp_path) is None
+    again = take(tmp_path)
+    assert isinstance(again, Lease)
+    again.release()
+    assert not list(tmp_path.iterdir())
+
+
+def test_another_host_is_believed_until_it_is_silent_for_too_long(tmp_path, elsewhere):
+    elsewhere("a")
+    first = take(tmp_path, LEASE_S)
+    elsewhere("b")
+    assert isinstance(take(tmp_path, 1.0), Holder)  # the time that counts is its own, not the asker's
+    grown_old(first.path, LEASE_S - 60)
+    assert isinstance(take(tmp_path), Holder)
+    grown_old(first.path, 120)
+    assert look(tmp_path)[1] is False
+    second = take(tmp_path)
+    assert isinstance(second, Lease)
+    assert first.taken_over()
+    assert not second.taken_over()
+    second.release()
+    assert first.taken_over()  # also when its successor has come and gone
+    first.release()
+    third = take(tmp_path)
+    assert isinstance(third, Lease)
+    third.release()
+
+
+def test_a_process_of_this_host_that_lives_keeps_it_however_long_it_is_silent(tmp_path):
+    first = take(tmp_path, LEASE_S)
+    grown_old(first.path, 10 * LEASE_S)
+    assert isinstance(take(tmp_path), Holder)
+    first.release()
+
+
+def test_a_process_id_that_came_round_again_does_not_hold_it(tmp_path):
+    first = take(tmp_path)
+    content = json.loads(first.path.read_text())
+    first.path.write_text(json.dumps(content | {"began": "1"}))
+    second = take(tmp_path)
+    assert isinstance(second, Lease)
+    second.release()
+    first.release()
+
+
+def test_a_damaged_lease_is_held_by_nobody(tmp_path):
+    (tmp_path / "7").write_text("{")
+    lease = take(tmp_path)
+    assert isinstance(lease, Lease)
+    assert lease.path.name == "8"
+    lease.release()
+
+
+def test_a_disk_without_hard_links_does_too(tmp_path, monkeypatch):
+    def refused(*given):
+        raise OSError(module.NO_LINKS[0], "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refused)
+    lease = take(tmp_path)
+    assert isinstance(lease, Lease)
+    assert isinstance(take(tmp_path), Holder)
+    assert not module._made(lease.path, look(tmp_path)[0])
+    lease.release()
+
+
+def test_it_is_touched_while_it_is_held(tmp_path):
+    lease = take(tmp_path, lease_s=0.3)
+    before = lease.path.stat().st_mtime_ns
+    wait_until(lambda: lease.path.stat().st_mtime_ns > before)
+    lease.release()
+
+
+def test_who_took_it_is_interrupted_when_its_lease_was_taken_over(tmp_path, elsewhere):
+    elsewhere("a")
+    first = take(tmp_path, lease_s=0.5)
+    first.path.with_name(str(int(first.path.name) + 1)).write_text("another's")
+    with pytest.raises(KeyboardInterrupt):
+        wait_until(lambda: False)
+    assert first.lost
+    first.release()
+    assert first.path.exists()  # it is the other's to tidy
+
+
+def hold_in_turn(folder, counter, turns, seed):
+    """Take the lease again and again; in between a file must be as this process left it."""
+    rng = random.Random(seed)
+    for _ in range(turns):
+        while not isinstance(lease := take(folder), Lease):
+            time.sleep(0.001)
+        value = int(counter.read_text())
+        time.sleep(rng.uniform(0, 0.002))
+        counter.write_text(str(value + 1))
+        if rng.random() < 0.2:  # die with it: the next in turn finds a dead process
+            os.kill(os.getpid(), signal.SIGKILL)
+        lease.release()
+
+
+def test_processes_that_come_and_go_never_hold_it_together(tmp_path):
+    counter, folder = tmp_path / "counter", tmp_path / "lease"
+    counter.write_text("0")
+    turns = [6, 7, 8, 9]
+    processes = [SPAWN.Process(target=hold_in_turn, args=(folder, counter, n, n)) for n in turns]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    expected = 0
+    for n in turns:  # as each has drawn
+        rng = random.Random(n)
+        for _ in range(n):
+            rng.uniform(0, 0.002)
+            expected += 1
+            if rng.random() < 0.2:
+                break
+    assert int(counter.read_text()) == expected
