@@ -69,6 +69,7 @@ NAMES = {"panorama_mix": "town_panoramas+panorama_folder", "cold": "office_walk"
 NOT_BUILT = {
     "trainer",
     "tracking",
+    "launcher",
     "paths",
     "task",
     "experiment",
