@@ -8,7 +8,7 @@ from hydra.utils import instantiate
 
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
-from sextant.config.build_part import build_part
+from sextant.config.build_part import MOVED, build_part, named
 
 PARTS = [(group, option) for group in ("pooling", "backbone", "inhibition") for option in sorted(groups()[group])]
 IMAGES = {"in_channels": 3, "image_size": (96, 128), "num_classes": 8}
@@ -31,6 +31,12 @@ def test_what_a_config_names_is_built_as_hydra_builds_it(group, option):
         assert all(torch.equal(one[name], other[name]) for name in one)
     else:
         assert vars(ours) == vars(theirs)
+
+
+@pytest.mark.parametrize("old", MOVED)
+def test_what_stored_configs_name_is_found_where_it_is_today(old):
+    assert named(old) is named(MOVED[old])
+    assert f"{named(old).__module__}.{named(old).__qualname__}" == MOVED[old]
 
 
 def test_nodes_within_a_node_are_built_first():

@@ -30,3 +30,13 @@ def test_a_run_that_failed_is_not_offered(outputs):
 def test_the_key_of_the_user_is_named(outputs, reference):
     with pytest.raises(UserError, match=f"^init_from={reference}: "):
         resolve_run(reference, outputs, "init_from")
+
+
+def test_only_runs_of_the_folder_of_runs_are_the_users_own(outputs, tmp_path_factory):
+    assert resolve_run("aaaaaaaa-s0", outputs).is_own(outputs)
+    sent = tmp_path_factory.mktemp("downloads")
+    (outputs / "runs").rename(sent / "runs")
+    run = sent / "runs" / "classification" / "aaaaaaaa-s0"
+    assert not resolve_run(str(run), outputs).is_own(outputs)
+    (sent / "alone.ckpt").touch()
+    assert not resolve_run(str(sent / "alone.ckpt"), outputs).is_own(outputs)

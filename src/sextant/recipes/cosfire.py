@@ -121,10 +121,12 @@ class CosfireRecipe(Recipe):
         told = {"channels": spec.channels, "height": spec.height, "width": spec.width, "classes": list(spec.classes)}
         if config.features is not None and config.features.run is not None:
             from sextant.runs.checkpoint import KEY
-            from sextant.trained.content import read_trained
+            from sextant.trained.content import own_config, read_trained
 
-            found = resolve_run(config.features.run, Path(config.paths.outputs), "features.run")
+            outputs = Path(config.paths.outputs)
+            found = resolve_run(config.features.run, outputs, "features.run")
             content = read_trained(found.checkpoint)[KEY]
+            own_config(content, trust=found.is_own(outputs))
             told["features"] = {name: content[name] for name in ("task", "config", "spec")}
         return told
 

@@ -48,7 +48,8 @@ class TrainedDescriptor:
         """The network, ready to describe images of the size it was trained on.
 
         Raises:
-            UserError: there is no such run, or it is not one of place recognition.
+            UserError: there is no such run, it is not one of place recognition, or it is a file from elsewhere that
+                names parts that are not Sextant's.
         """
         from sextant.runs.checkpoint import KEY
         from sextant.trained.content import read_trained
@@ -61,7 +62,7 @@ class TrainedDescriptor:
                 f"descriptor.run={self.run} is a run of task={trained['task']}, which gives no place descriptor",
                 "Name a run of task=place_recognition.",
             )
-        network = trained_place_network(content, found.checkpoint, found.identity, trust=True)
+        network = trained_place_network(content, found.checkpoint, found.identity, trust=found.is_own(outputs))
         return NetworkDescriber(network)
 
 

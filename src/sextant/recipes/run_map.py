@@ -73,7 +73,9 @@ def run_localizer(
 def _kept(data: "LocalizationDataModule", config: Config) -> KeptDescriptor:
     describer, images = data.describer, data.drives.map.images
     if (run := config.plain["descriptor"].get("run")) is not None:  # it ran already
-        return kept_network(resolve_run(run, Path(config.paths.outputs)).checkpoint, trust=True)
+        outputs = Path(config.paths.outputs)
+        trained = resolve_run(run, outputs)
+        return kept_network(trained.checkpoint, trust=trained.is_own(outputs))
     if not isinstance(describer, BaselineDescriber) or images is None:
         return KeptDescriptor()
     describer.fit(images)  # the descriptors may all have come from the cache

@@ -25,6 +25,10 @@ class FoundRun:
         """What it is, whatever it is called: the hash of the checkpoint."""
         return hashlib.sha256(self.checkpoint.read_bytes()).hexdigest()
 
+    def is_own(self, outputs: Path) -> bool:
+        """Whether it is a run of this folder of outputs: its config is the user's, not that of whoever sent a file."""
+        return self.directory is not None and self.directory.path.resolve().is_relative_to((outputs / "runs").resolve())
+
 
 def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
     """The run that ``reference`` names: an MLflow run id, a run directory or its name, or a checkpoint file.

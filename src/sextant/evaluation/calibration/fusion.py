@@ -26,7 +26,6 @@ from scipy.special import chdtrc
 
 CORRELATION = 0.25
 LEVEL = 0.01  # of the consistency test: one good set in a hundred is called inconsistent
-PRIOR_LIMIT = 3.0  # standard errors between a prior and the photos from which on they are said to disagree
 
 
 @dataclass(frozen=True)
