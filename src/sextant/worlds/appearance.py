@@ -12,30 +12,30 @@ from sextant.errors import UserError
 class Appearance:
     """Everything about a picture that is neither the place nor the camera. The default is a clear summer noon.
 
-    Each factor can be set alone (``replace(appearance, fog_per_m=0.02)``), so that the invariance of a method can be
+    Each factor can be set on its own (``replace(appearance, fog_per_m=0.02)``), so that a method's invariance can be
     measured against one cause at a time. Ranges are checked.
 
     Attributes:
-        sun_elevation_deg: height of the sun, -90 to 90; shadows are cast by it.
+        sun_elevation_deg: height of the sun above the horizon, -90 to 90; it casts the shadows.
         sun_azimuth_deg: direction to the sun, counter-clockwise from world x.
-        cloud_cover: 0 clear to 1 overcast; overcast takes the sun and its shadows away.
+        cloud_cover: 0 clear to 1 overcast, which hides the sun and its shadows.
         exposure_ev: stops added to the camera's exposure.
         gamma: display gamma of the camera.
-        temperature_k: white balance; 6500 is neutral, less is warmer.
+        temperature_k: white balance; 6500 is neutral, lower is warmer.
         fog_per_m: extinction beta of the fog, ``I e^(-beta d) + A (1 - e^(-beta d))``.
-        snow: 0 to 1, share of snow on surfaces that face up.
+        snow: 0 to 1, snow cover of surfaces that face up.
         foliage_density: 0 bare to 1 full.
         foliage_autumn: 0 summer green to 1 autumn colours.
-        wetness: 0 dry to 1 standing water; wet ground darkens and mirrors.
-        night: 0 day to 1 night; street lamps shine with it.
+        wetness: 0 dry to 1 standing water; wet ground is darker and reflects.
+        night: 0 day to 1 night; street lamps light up with it.
         lit_windows: share of windows with light behind them.
-        facades_changed: share of facades that were painted anew.
-        cars_moved: share of parked cars that left or came.
-        traffic_per_100m: moving cars and people that stand in the way, a hundred metres of street.
-        exposure_time_s: how long the shutter is open: motion blur at the camera's speed.
+        facades_changed: share of facades that were repainted.
+        cars_moved: share of parked cars that left or arrived.
+        traffic_per_100m: moving cars and people in the way, per 100 metres of street.
+        exposure_time_s: how long the shutter is open, for motion blur at the camera's speed.
         read_noise, shot_noise: sigma of the sensor noise, ``sigma^2 = read^2 + shot^2 I``, with I in [0, 1].
-        vignetting: 0 to 1, loss of light towards the corners.
-        change_seed: which facades, cars and passers-by the changes fall on.
+        vignetting: 0 to 1, darkening towards the corners.
+        change_seed: which facades, cars and passers-by change.
     """
 
     sun_elevation_deg: float = 52.0
@@ -71,7 +71,7 @@ class Appearance:
 
     @property
     def structure(self) -> tuple[float | int, ...]:
-        """The factors that change the geometry; two appearances that agree here can share a scene."""
+        """The factors that change the geometry; two appearances that agree in these can share a scene."""
         return (self.foliage_density, self.facades_changed, self.cars_moved, self.traffic_per_100m, self.change_seed)
 
 
@@ -133,7 +133,7 @@ CONDITIONS: dict[str, Appearance] = {
 
 
 def condition(name: str, **factors: float) -> Appearance:
-    """The named condition, with single factors set otherwise.
+    """The named condition, with some factors set to other values.
 
     Raises:
         UserError: there is no such condition or factor, or a value is out of range.
@@ -144,7 +144,7 @@ def condition(name: str, **factors: float) -> Appearance:
 
 
 def with_factors(appearance: Appearance, factors: Mapping[str, Any]) -> Appearance:
-    """``appearance`` with some factors set otherwise, unknown names refused."""
+    """``appearance`` with some factors set to other values; unknown names are refused."""
     known = [field.name for field in fields(Appearance)]
     for name in factors:
         if name not in known:

@@ -19,7 +19,7 @@ from sextant.worlds.surfaces import Kind, palette, surface_rows
 
 #: width of pavements, height of kerbs
 PAVEMENT_M, KERB_M = 3.4, 0.12
-#: how far beyond the streets the last block reaches, and the fields around it
+#: how far the last block extends beyond the streets, and the fields around it
 COUNTRY_M, FAR_M = 900.0, 6000.0
 
 
@@ -58,7 +58,7 @@ class Side:
 
 
 class Ground:
-    """Carriageways, blocks with pavements, and lots. The last block is the country around the town."""
+    """Carriageways, blocks with pavements, and lots. The last block is the countryside around the town."""
 
     def __init__(self, graph: StreetGraph):
         self.graph = graph
@@ -78,12 +78,12 @@ class Ground:
 
     @cached_property
     def lots(self) -> list[Polygon]:
-        """What the pavements leave of each block (the largest piece; empty where nothing is left)."""
+        """What the pavements leave of each block: the largest piece, empty where nothing is left."""
         insets = [block.buffer(-PAVEMENT_M, quad_segs=2) for block in self.blocks]
         return [max(_polygons(inset), key=lambda p: p.area, default=Polygon()) for inset in insets]
 
     def sides(self, block: int, inset: float = 0.0, shortest_m: float = 6.0) -> Iterator[Side]:
-        """Straight pieces of the line ``inset`` metres within the lot of ``block`` (of the kerb: ``-PAVEMENT_M``)."""
+        """Straight pieces of the line ``inset`` metres inside the lot of ``block`` (``-PAVEMENT_M`` gives the kerb)."""
         area = self.lots[block] if inset == 0 else self.lots[block].buffer(-inset, quad_segs=2)
         country = block == len(self.blocks) - 1
         for polygon in _polygons(area):
@@ -97,7 +97,7 @@ class Ground:
                         yield side
 
     def mesh(self, green: list[bool]) -> Mesh:
-        """Ground triangles; ``green[i]`` gives the lot of block ``i`` a lawn, otherwise it is paved."""
+        """Triangles of the ground; the lot of block ``i`` is a lawn if ``green[i]``, and paved otherwise."""
         left, bottom, right, top = self.graph.bounds
         corners = np.array([
             [left - FAR_M, bottom - FAR_M, 0],
@@ -119,7 +119,7 @@ class Ground:
         return Mesh.join(parts)
 
     def _streets(self) -> Mesh:
-        """A strip a street for its markings, just above the asphalt, drawn back from the junctions."""
+        """A strip for the markings of each street, just above the asphalt, ending short of the junctions."""
         graph = self.graph
         ends = graph.nodes[graph.edges]  # (e, 2, 2)
         along = (ends[:, 1] - ends[:, 0]) / graph.lengths[:, None]
@@ -144,7 +144,7 @@ class Ground:
         return instances(quads(corners)[fits], rows[fits])
 
     def _levels(self) -> Float64[ndarray, "e"]:
-        """0, 1 or 2 for each street: strips that meet at a bend overlap, and must not lie in one plane."""
+        """0, 1 or 2 for each street: strips that meet at a bend overlap and must not be coplanar."""
         graph = self.graph
         levels = np.full(len(graph.edges), -1.0)
         for e, ends in enumerate(graph.edges.tolist()):
@@ -171,7 +171,7 @@ def _flat(shape: shapely.Geometry, z: float, row: Float64[ndarray, "1 24"]) -> M
 
 
 def _kerb(block: Polygon) -> Mesh:
-    """The upright edge of a pavement."""
+    """The vertical edge of a pavement."""
     faces = []
     whole = shapely.geometry.polygon.orient(block)
     for ring in (whole.exterior, *whole.interiors):
@@ -183,7 +183,7 @@ def _kerb(block: Polygon) -> Mesh:
 
 
 def _far_country(bounds: tuple[float, float, float, float]) -> Mesh:
-    """Fields from where the blocks end to the horizon."""
+    """Fields from the edge of the blocks to the horizon."""
     left, bottom, right, top = bounds
     hole = shapely.box(left - COUNTRY_M, bottom - COUNTRY_M, right + COUNTRY_M, top + COUNTRY_M)
     rim = shapely.box(left - FAR_M, bottom - FAR_M, right + FAR_M, top + FAR_M).difference(hole)

@@ -1,4 +1,4 @@
-"""What buildings are: their measures and styles, drawn for footprints."""
+"""The dimensions and styles of buildings, drawn at random for given footprints."""
 
 from dataclasses import dataclass, fields
 
@@ -24,13 +24,13 @@ from sextant.worlds.shading.facade import (
 )
 
 FLAT, GABLE, HIP, MANSARD = range(4)
-#: one value for all buildings, or one each
+#: one value for all buildings, or one for each
 Number = Float64[ndarray, "n"] | float
 
 
 @dataclass(frozen=True)
 class Buildings:
-    """Many buildings, one array an attribute. In the frame of a building x runs along its street, y away from it.
+    """Many buildings, one array per attribute. In a building's frame, x runs along its street and y away from it.
 
     Attributes:
         position: middle of the footprint on the ground, metres.
@@ -38,11 +38,11 @@ class Buildings:
         size: width along the street, depth, height of the walls.
         roof: FLAT, GABLE, HIP or MANSARD.
         rise: height of the roof above the walls.
-        across: the ridge runs away from the street.
-        storeys, ground: number of storeys and height of the lowest.
-        use: of the ground storey (HOME, SHOP, GARAGE, OFFICE).
+        across: whether the ridge is perpendicular to the street.
+        storeys, ground: number of storeys, and height of the ground storey.
+        use: what the ground storey is used for (HOME, SHOP, GARAGE, OFFICE).
         window, wall: style of windows and walls.
-        attached: whether a neighbour stands wall to wall on the left (-x) and on the right.
+        attached: whether a neighbour adjoins on the left (-x) and on the right.
         seed: in [0, 1).
     """
 
@@ -64,18 +64,18 @@ class Buildings:
         return len(self.position)
 
     def some(self, at: Int64[ndarray, "k"] | Bool[ndarray, "n"]) -> "Buildings":
-        """Those with the numbers ``at``, or where ``at`` is true."""
+        """The buildings with indices ``at``, or those where ``at`` is true."""
         return Buildings(**{field.name: getattr(self, field.name)[at] for field in fields(self)})
 
     @property
     def outline(self) -> Float64[ndarray, "n 4 2"]:
-        """Corners of the footprint in the building's own frame, counter-clockwise from the front left."""
+        """Corners of the footprint in the building's frame, counter-clockwise from the front left."""
         w, d = self.size[:, 0], self.size[:, 1]
         signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
         return np.stack([np.stack([sx * w / 2, sy * d / 2], -1) for sx, sy in signs], 1)
 
     def beside(self, x: Number, y: Number, z: Number) -> Float64[ndarray, "n 3"]:
-        """World places of a point given in the frame of each building."""
+        """World positions of a point given in the frame of each building."""
         x, y, z = (np.broadcast_to(np.asarray(v, float), len(self)) for v in (x, y, z))
         c, s = np.cos(self.heading), np.sin(self.heading)
         return np.asarray(self.position + np.stack([c * x - s * y, s * x + c * y, z], -1))
@@ -90,13 +90,13 @@ def design(
     terraced: Bool[ndarray, "n"],
     rng: np.random.Generator,
 ) -> Buildings:
-    """Buildings for footprints: taller, with shops, where ``density`` (0 to 1) is high; houses where it is low.
+    """Buildings for footprints: tall ones with shops where ``density`` (0 to 1) is high, houses where it is low.
 
     Args:
         position, heading: of the middle of the footprints.
-        footprint: width along the street and depth, metres.
-        attached: whether a neighbour stands wall to wall on the left and on the right.
-        terraced: those whose ridge must run along the street.
+        footprint: width along the street, and depth, metres.
+        attached: whether a neighbour adjoins on the left and on the right.
+        terraced: whether the ridge must run along the street.
     """
     draw = rng.random((11, len(position)))
     office = (density > 0.72) & (draw[0] < 0.3)
@@ -131,7 +131,7 @@ def design(
 def _storeys(
     density: Float64[ndarray, "n"], office: Bool[ndarray, "n"], draw: Float64[ndarray, "n"]
 ) -> Int64[ndarray, "n"]:
-    """One or two in villages, up to seven in a centre, four to eight of an office."""
+    """One or two in villages, up to seven in a centre, four to eight for offices."""
     dense = 2 + np.floor(4.4 * density * draw + 0.8)
     sparse = 1 + np.floor(1.75 * draw + 0.35)
     tall = 4 + np.floor(5 * draw)
@@ -141,7 +141,7 @@ def _storeys(
 def _styles(
     dense: Bool[ndarray, "n"], office: Bool[ndarray, "n"], draw: Float64[ndarray, "3 n"]
 ) -> tuple[Int64[ndarray, "n"], Int64[ndarray, "n"], Int64[ndarray, "n"]]:
-    """Styles of walls, windows and roofs, by the shares they have in town, in villages and among offices."""
+    """Styles of walls, windows and roofs, in the proportions of towns, villages and offices."""
     for_wall, for_window, for_roof = draw
     wall = np.where(
         dense,
@@ -164,7 +164,7 @@ def _styles(
 
 
 def footprints(b: Buildings) -> Float32[ndarray, "n 4 2"]:
-    """Corners of the footprints, for maps and for keeping things out of houses."""
+    """Corners of the footprints, for maps and to keep things out of houses."""
     x, y = np.moveaxis(b.outline, -1, 0)
     c, s = np.cos(b.heading)[:, None], np.sin(b.heading)[:, None]
     turned = np.stack([c * x - s * y, s * x + c * y], -1)

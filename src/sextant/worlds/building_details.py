@@ -1,4 +1,4 @@
-"""What sticks out of buildings: chimneys, parapets, dormers, balconies, awnings. It gives a street its silhouette."""
+"""What projects from buildings and gives a street its silhouette: chimneys, parapets, dormers, balconies, awnings."""
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -12,7 +12,7 @@ from sextant.worlds.surfaces import Kind, palette, surface_rows
 AWNING_COLOURS = palette("#8e2b25", "#2f5d46", "#2c4a73", "#b5702a", "#6b2d52", "#3c3c3c")
 CHIMNEY, CHIMNEY_POT = (0.25, 0.12, 0.08), (0.3, 0.14, 0.09)
 PLANT, SLAB, RAILING, DORMER_ROOF = (0.4, 0.41, 0.42), (0.42, 0.41, 0.39), (0.05, 0.05, 0.055), (0.11, 0.11, 0.12)
-#: most dormers along a mansard, and most balconies along a storey and storeys with them
+#: the largest number of dormers along a mansard, of balconies along a storey, and of storeys with balconies
 DORMERS, BALCONIES, BALCONY_STOREYS = 5, 4, 4
 
 
@@ -24,7 +24,7 @@ def details(
     *,
     fine: bool,
 ) -> Mesh:
-    """All that sticks out of buildings with walls of ``colour``; which of them have what does not change with paint."""
+    """All that projects from buildings with walls of ``colour``; repainting does not change which building has what."""
     pick = np.random.default_rng([9, len(b)]).random((5, len(b)))
     side = np.where(pick[1] < 0.5, -1.0, 1.0)
     return Mesh.join([
@@ -43,7 +43,7 @@ def _boxes(
     b: Buildings, offset: tuple[Number, Number, Number], size: tuple[Number, Number, Number], colour: object,
     kind: Kind = Kind.PLAIN,
 ) -> Mesh:  # fmt: skip
-    """A box on each building, standing at ``offset`` in its frame."""
+    """A box on each building, at ``offset`` in its frame."""
     if not len(b):
         return Mesh.empty()
     base = b.beside(*offset)
@@ -96,7 +96,7 @@ def _bands(b: Buildings, trim: Float64[ndarray, "n 3"]) -> list[Mesh]:
 
 
 def _bays(b: Buildings, seed: Float64[ndarray, "n"]) -> Float64[ndarray, "n"]:
-    """How many windows stand side by side along the street, as the facade draws them."""
+    """How many windows there are side by side along the street, as the facade draws them."""
     return np.maximum(1, np.round(b.size[:, 0] / (2.5 + 0.9 * seed)))
 
 
@@ -116,7 +116,7 @@ def _mansard_dormers(b: Buildings, colour: Float64[ndarray, "n 3"], seed: Float6
 def _gable_dormers(
     b: Buildings, chosen: Bool[ndarray, "n"], colour: Float64[ndarray, "n 3"], seed: Float64[ndarray, "n"]
 ) -> list[Mesh]:
-    """Two dormers in the slope of a high roof towards the street."""
+    """Two dormers in the street-facing slope of a high roof."""
     at = chosen & (b.roof == GABLE) & ~b.across & (b.rise > 2.4)
     some = b.some(at)
     w, d, h = some.size.T
@@ -131,7 +131,7 @@ def _dormers(
     colour: Float64[ndarray, "n 3"],
     seed: Float64[ndarray, "n"],
 ) -> Mesh:
-    """Windows that stand out of a roof at ``corner``: a box with one bay of facade in front and a little roof."""
+    """Windows that project from a roof at ``corner``: a box with one bay of facade in front, and a small roof."""
     if not len(b):
         return Mesh.empty()
     x, y, z = corner
@@ -149,7 +149,7 @@ def _dormers(
 
 
 def _balconies(b: Buildings, seed: Float64[ndarray, "n"], fine: bool) -> list[Mesh]:
-    """Balconies before some French windows: a slab, a railing in front and, if ``fine``, at the sides."""
+    """Balconies in front of some French windows: a slab, and a railing in front and, if ``fine``, at the sides."""
     parts = []
     bays = _bays(b, seed)
     for storey in range(1, BALCONY_STOREYS + 1):
@@ -171,7 +171,7 @@ def _balconies(b: Buildings, seed: Float64[ndarray, "n"], fine: bool) -> list[Me
 
 
 def _awnings(b: Buildings) -> Mesh:
-    """Cloth over a shop window, with a hem."""
+    """Awnings over shop windows: cloth with a hem."""
     if not len(b):
         return Mesh.empty()
     w, d, z = b.size[:, 0] - 0.5, b.size[:, 1], b.ground - 0.95

@@ -1,4 +1,4 @@
-"""Buildings of a town: walls, roofs and what sticks out of them, for many buildings at once."""
+"""Buildings of a town: walls, roofs and what projects from them, for many buildings at once."""
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -13,7 +13,7 @@ from sextant.worlds.surfaces import Kind, palette, surface_rows
 
 __all__ = ["FLAT", "GABLE", "HIP", "MANSARD", "Buildings", "building_mesh", "design", "footprints"]
 
-#: colours of walls by what they are made of, of trims and doors, of roofs
+#: colours of walls by their material, of trims and doors, and of roofs
 PLASTER_COLOURS = palette(
     "#efe6d2", "#e8d3a8", "#dcb98a", "#e3c9b5", "#f1efe8", "#c9d2cf",
     "#d9a58a", "#b9c4a6", "#e9dfc0", "#c98f6b", "#d8d4c8", "#aab7c4",
@@ -32,9 +32,9 @@ BLANK_M = 2.2
 
 
 def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int, *, fine: bool = True) -> Mesh:
-    """Triangles of all buildings; those in ``repaint`` get other colours, windows and shops than they had.
+    """Triangles of all buildings; those in ``repaint`` get new colours, windows and shops.
 
-    ``fine`` false leaves out what a small picture does not show: the sides of balconies, tops of chimneys.
+    Without ``fine``, details that a small picture cannot show are left out: sides of balconies, tops of chimneys.
     """
     if not len(b):
         return Mesh.empty()
@@ -53,7 +53,7 @@ def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int, *
 
 
 def _drawn(table: Float64[ndarray, "k 3"], draw: Float64[ndarray, "n"]) -> Float64[ndarray, "n 3"]:
-    """Colours of a table for numbers in [0, 1)."""
+    """Colours of a table, picked by numbers in [0, 1)."""
     return np.asarray(table[(draw * len(table)).astype(int)])
 
 
@@ -64,11 +64,11 @@ def _walls(
     trim: Float64[ndarray, "n"],
     seed: Float64[ndarray, "n"],
 ) -> Mesh:
-    """Four walls a building: front, right, back, left; gables reach up to the ridge.
+    """Four walls per building: front, right, back, left; gables reach up to the ridge.
 
     Args:
         colour, door: of the wall and of its doors and shutters.
-        trim: how rich the surrounds of windows, corners and storeys are, 0 to 1.
+        trim: how ornate the surrounds of windows, corners and storeys are, 0 to 1.
         seed: of the texture.
     """
     w, d, h = b.size.T

@@ -1,4 +1,4 @@
-"""Street lamps as point lights, with a grid that finds the nearest ones."""
+"""Street lamps as point lights, with a grid to look up the nearest."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from jaxtyping import Float64, Int32
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
-#: side of a grid cell in metres, lamps kept a cell, and how far a lamp reaches
+#: side of a grid cell in metres, lamps kept per cell, and how far a lamp reaches
 CELL_M, NEAREST, REACH_M = 8.0, 3, 32.0
 
 
@@ -17,8 +17,8 @@ class Lamps:
 
     Attributes:
         position: metres.
-        cells: the lamps nearest to each grid cell, -1 for none.
-        origin: x and y of the grid's corner, and the side of a cell.
+        cells: the lamps nearest to each grid cell; -1 where there is none.
+        origin: x and y of the grid's corner, and side of a cell.
     """
 
     position: Float64[ndarray, "n 3"]
@@ -27,7 +27,7 @@ class Lamps:
 
     @classmethod
     def at(cls, position: Float64[ndarray, "n 3"]) -> "Lamps":
-        """Lamps at the given places."""
+        """Lamps at the given positions."""
         if len(position) == 0:
             return cls(np.zeros((0, 3)), np.full((1, 1, NEAREST), -1, np.int32), np.array([0.0, 0.0, CELL_M]))
         low = position[:, :2].min(0) - REACH_M

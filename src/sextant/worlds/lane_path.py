@@ -1,4 +1,4 @@
-"""The line that a careful driver or walker keeps to: to the right of the streets' centre lines, with round corners."""
+"""The line that a careful driver or walker follows: right of the streets' centre lines, with rounded corners."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.tours import check_nodes
 
 SPACING_M = 0.5
-#: Corners start at most this share of an edge before its end, so that those at its two ends never meet.
+#: A corner starts at most this share of an edge before its end, so that the corners at the two ends never meet.
 CORNER_SHARE = 0.45
 MIN_CORNER_M = 5.0
 U_TURN_RAD = np.deg2rad(170.0)
@@ -20,11 +20,11 @@ U_TURN_RAD = np.deg2rad(170.0)
 
 @dataclass(frozen=True, eq=False)
 class LanePath:
-    """A smooth line along streets, sampled every half metre or so.
+    """A smooth line along streets, sampled about every half metre.
 
     Attributes:
         positions: x, y in metres.
-        headings: of the tangent in radians, unwrapped.
+        headings: direction of the tangent in radians, unwrapped.
         curvatures: in 1/m, positive to the left.
         arc_m: arc length from the start; starts at 0 and increases.
         edges: the edge that each sample belongs to.
@@ -44,12 +44,12 @@ def lane_path(
 ) -> LanePath:
     """The line through ``nodes``, ``share × width + beyond_m`` to the right of the centre of each street.
 
-    A corner of turning angle φ is a cubic that is close to an arc of ``radius_m``; it starts ``t = (radius ± offset)
+    A corner that turns by φ is a cubic close to an arc of ``radius_m``; it starts ``t = (radius ± offset)
     tan(φ/2)`` metres before the node (plus for a right turn), at least 5 m and at most 0.45 of the shorter edge. Where
-    that is too short for a right turn, the line comes nearer to the centre there, so that it never doubles back.
+    that is too short for a right turn, the line moves towards the centre there, so that it never doubles back.
 
     Raises:
-        UserError: the nodes are no route through the graph; see `check_nodes`.
+        UserError: the nodes do not form a route through the graph; see `check_nodes`.
     """
     edges = np.array(check_nodes(graph, nodes))
     start, stop = graph.nodes[list(nodes[:-1])], graph.nodes[list(nodes[1:])]
@@ -66,7 +66,7 @@ def lane_path(
 def _corners(
     along: Float[ndarray, "e 2"], length: Float[ndarray, " e"], offset: Float[ndarray, " e"], radius_m: float
 ) -> tuple[Float[ndarray, " e-1"], Float[ndarray, " e-1"]]:
-    """For each node between two edges where the corner starts, and the largest offset that it leaves room for."""
+    """For each node between two edges, where the corner starts and the largest offset that fits."""
     u, v = along[:-1], along[1:]
     turn = np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1))  # left is positive
     back = np.abs(turn) > U_TURN_RAD
@@ -86,7 +86,7 @@ def _sampled(
     first: Float[ndarray, "e 2"],
     last: Float[ndarray, "e 2"],
 ) -> LanePath:
-    """Straight lines from ``first`` to ``last`` of each edge, joined by cubics."""
+    """Straight lines from ``first`` to ``last`` along each edge, joined by cubics."""
     unit = (last - first) / np.linalg.norm(last - first, axis=1, keepdims=True)
     pieces, owners, stops, count = [], [], [], 0
     for i, edge in enumerate(edges):
@@ -124,7 +124,7 @@ def _line(start: Float[ndarray, "2"], stop: Float[ndarray, "2"]) -> Float[ndarra
 def _cubic(
     start: Float[ndarray, "2"], leaving: Float[ndarray, "2"], stop: Float[ndarray, "2"], arriving: Float[ndarray, "2"]
 ) -> Float[ndarray, "k 2"]:
-    """Bézier curve between two tangents, without its end point; close to an arc where an arc fits.
+    """Bézier curve between two tangents, without its end point; close to an arc where one fits.
 
     The handles are ``4/3 tan(φ/4) R`` with ``R = chord / (2 sin(φ/2))``, a third of the chord where φ is 0.
     """

@@ -12,12 +12,12 @@ from sextant.errors import UserError
 
 @runtime_checkable
 class RayCaster(Protocol):
-    """Anything that rays can be shot at."""
+    """Anything that rays can be cast at."""
 
     def distance(
         self, origins: Float[ndarray, "n 3"], directions: Float[ndarray, "n 3"]
     ) -> Float[ndarray, " n"]:  # fmt: skip
-        """Metres from each origin along its unit direction to the first surface; inf where there is none."""
+        """Distance in metres from each origin along its direction to the first surface; inf where there is none."""
         ...
 
 
@@ -29,16 +29,16 @@ class LaserScanner:
     within ``max_range_m``, and each beam with probability ``dropout``, returns exactly ``max_range_m``: no return.
 
     Attributes:
-        beams: in a scan.
-        field_of_view_rad: beams go evenly from minus half of it (right) to plus half (left) of the heading, both ends
-            included; with a full turn the end is left out, which would be the start again.
-        max_range_m: reach.
-        height_m: of the plane above z = 0.
+        beams: number of beams in a scan.
+        field_of_view_rad: beams are spread evenly from half of it right of the heading to half of it left, both ends
+            included; of a full turn the end is left out, because it coincides with the start.
+        max_range_m: maximum range.
+        height_m: height of the plane above z = 0.
         range_sigma_m: standard deviation of a range.
         dropout: probability of no return, in [0, 1].
 
     Raises:
-        UserError: a value is out of its range.
+        UserError: a value is out of range.
     """
 
     beams: int = 180
@@ -66,7 +66,7 @@ class LaserScanner:
 
     @property
     def angles(self) -> Float[ndarray, " beams"]:
-        """Direction of each beam from the heading in radians, counter-clockwise."""
+        """Angle of each beam from the heading in radians, counter-clockwise."""
         full = self.field_of_view_rad >= 2 * np.pi * (1 - 1e-12)
         if self.beams == 1:
             return np.zeros(1)

@@ -1,6 +1,6 @@
-"""Triangle meshes with a surface a triangle, and the primitives that worlds are put together from.
+"""Triangle meshes with a surface for each triangle, and the primitives that worlds are assembled from.
 
-Every primitive builds many objects at once: its arguments have a leading dimension of ``n`` objects.
+Every primitive builds many objects at once: its arguments have a leading dimension of size ``n``.
 """
 
 from collections.abc import Iterable
@@ -15,11 +15,11 @@ from sextant.worlds.surfaces import COLUMNS
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles in the world frame (metres, z up), counter-clockwise seen from outside.
+    """Triangles in the world frame (metres, z up), counter-clockwise when seen from outside.
 
     Attributes:
-        triangles: corners; float32 because the ray caster works in it: these values *are* the geometry.
-        surface: row of ``surfaces`` that each triangle is made of.
+        triangles: their corners, in float32 because the ray caster works in it: these values *are* the geometry.
+        surface: the row of ``surfaces`` for each triangle.
         surfaces: the surface table (see ``surfaces.py``).
     """
 
@@ -32,7 +32,7 @@ class Mesh:
 
     @classmethod
     def empty(cls) -> "Mesh":
-        """A mesh of nothing."""
+        """A mesh without triangles."""
         return cls(np.zeros((0, 3, 3), np.float32), np.zeros(0, np.int32), np.zeros((0, COLUMNS), np.float32))
 
     @classmethod
@@ -54,7 +54,7 @@ def instances(
     surfaces: Float32[ndarray, "s 24"],
     surface: Int[ndarray, "n t"] | None = None,
 ) -> Mesh:
-    """A mesh of ``n`` objects with ``t`` triangles each; object ``i`` is made of row ``i`` unless ``surface`` says."""
+    """A mesh of ``n`` objects with ``t`` triangles each; object ``i`` has surface ``i`` unless ``surface`` is given."""
     n, t = triangles.shape[:2]
     rows = np.broadcast_to(np.arange(n)[:, None], (n, t)) if surface is None else surface
     return Mesh(triangles.reshape(-1, 3, 3).astype(np.float32), rows.reshape(-1).astype(np.int32), surfaces)
@@ -65,18 +65,18 @@ def place(
     position: Float[ndarray, "n 3"],
     heading: Float[ndarray, "n"],
 ) -> Float[ndarray, "n t 3 3"]:
-    """One template ``(t, 3, 3)`` for all objects, or one an object, turned by ``heading`` about z and moved."""
+    """One template ``(t, 3, 3)`` for all objects, or one for each, rotated by ``heading`` about z and moved."""
     c, s = np.cos(heading)[:, None, None], np.sin(heading)[:, None, None]
     x, y, z = np.moveaxis(np.broadcast_to(triangles, (len(position), *triangles.shape[-3:])), -1, 0)
     return np.asarray(np.stack([c * x - s * y, s * x + c * y, z], -1) + position[:, None, None])
 
 
 def quads(corners: Float[ndarray, "... 4 3"]) -> Float[ndarray, "... 2 3 3"]:
-    """Two triangles for each quadrilateral, corners counter-clockwise seen from its front."""
+    """Two triangles for each quadrilateral, with corners counter-clockwise when seen from the front."""
     return np.stack([corners[..., [0, 1, 2], :], corners[..., [0, 2, 3], :]], -3)
 
 
-#: corners of the unit box standing on the origin, and its six faces, outward
+#: corners of the unit box that stands on the origin, and its six faces, pointing outwards
 _BOX = np.array([(x, y, z) for z in (0, 1) for y in (-0.5, 0.5) for x in (-0.5, 0.5)], float)
 _FACES = np.array([(0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (4, 5, 7, 6), (2, 3, 1, 0)])
 
@@ -84,7 +84,7 @@ _FACES = np.array([(0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (4, 5
 def box_triangles(
     base: Float[ndarray, "n 3"], size: Float[ndarray, "n 3"], heading: Float[ndarray, "n"], *, bottom: bool = False
 ) -> Float[ndarray, "n t 3 3"]:
-    """Boxes that stand on ``base`` (the middle of their bottom), 10 triangles each, 12 with the bottom."""
+    """Boxes that stand on ``base`` (the centre of their underside), 10 triangles each, 12 with the underside."""
     corners = _BOX[None] * size[:, None]  # (n, 8, 3)
     faces = corners[:, _FACES if bottom else _FACES[:5]]  # (n, f, 4, 3)
     triangles = quads(faces).reshape(len(base), -1, 3, 3)
@@ -99,12 +99,12 @@ def boxes(
     *,
     bottom: bool = False,
 ) -> Mesh:
-    """Boxes of one surface each; see ``box_triangles``."""
+    """Boxes with one surface each; see ``box_triangles``."""
     return instances(box_triangles(base, size, heading, bottom=bottom), surfaces)
 
 
 def prism(radius_bottom: float, radius_top: float, height: float, sides: int) -> Float[ndarray, "t 3 3"]:
-    """A template: a frustum of ``sides`` sides on the origin, without bottom, with a top unless it is a point."""
+    """A template: a frustum of ``sides`` sides on the origin, without underside, with a top unless it is a point."""
     angle = 2 * np.pi * np.arange(sides + 1) / sides
     ring = np.stack([np.cos(angle), np.sin(angle)], -1)
     low = np.concatenate([ring * radius_bottom, np.zeros((sides + 1, 1))], -1)

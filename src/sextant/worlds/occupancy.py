@@ -1,8 +1,8 @@
-"""Occupancy grids: what a laser localizer has for a map.
+"""Occupancy grids: the maps of laser localizers.
 
-Data sets should use `occupancy_from_scans` with the exact scanner along the mapping drive: the grid that the laser
-sees, unknown where it never looked, which is what a robot that maps has. `occupancy_from_scene` knows every wall within
-bounds, the backs of houses too; it is for checks and for planning.
+Data sets should use `occupancy_from_scans` with the exact scanner along the mapping drive: this is the grid that a
+mapping robot has, unknown where the laser never looked. `occupancy_from_scene` knows every wall within the bounds, even
+the backs of houses; it is for checks and planning.
 """
 
 import zipfile
@@ -19,7 +19,7 @@ from sextant.worlds.laser import LaserScanner, RayCaster
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
 MAX_CELLS = 500_000_000
-#: Log odds added by a beam that ends in a cell and by one that passes through, and how far they may add up.
+#: Log odds added by a beam that ends in a cell and by one that passes through, and the limit of their sum.
 LOG_ODDS_HIT, LOG_ODDS_PASS, LOG_ODDS_LIMIT = 0.85, -0.4, 10.0
 Bounds = tuple[float, float, float, float]
 
@@ -29,12 +29,12 @@ class OccupancyGrid:
     """Square cells, each free (0), occupied (1) or unknown (2).
 
     Attributes:
-        cells: row along y, column along x.
+        cells: rows along y, columns along x.
         resolution_m: side of a cell.
         origin: x and y in metres of the outer corner of cell (0, 0).
 
     Raises:
-        ValueError: a cell is none of the three, there is none, or the resolution is not positive.
+        ValueError: a cell has another value, there are no cells, or the resolution is not positive.
     """
 
     cells: UInt8[ndarray, "rows columns"]
@@ -48,7 +48,7 @@ class OccupancyGrid:
             raise ValueError(f"resolution {self.resolution_m} or origin {self.origin} is not usable")
 
     def world_to_cell(self, points: Float[ndarray, "*n 2"]) -> Int64[ndarray, "*n 2"]:
-        """Row and column of the cell that each point (x, y in metres) is in; may lie outside the grid."""
+        """Row and column of the cell that contains each point (x, y in metres), which may lie outside the grid."""
         return np.floor((points - self.origin) / self.resolution_m).astype(np.int64)[..., ::-1]
 
     def cell_to_world(self, cells: Int64[ndarray, "*n 2"]) -> Float[ndarray, "*n 2"]:
@@ -60,14 +60,14 @@ class OccupancyGrid:
         return np.asarray(((cells >= 0) & (cells < self.cells.shape)).all(axis=-1))
 
     def state_at(self, points: Float[ndarray, "*n 2"]) -> UInt8[ndarray, "*n"]:
-        """State of the cell that each point (x, y in metres) is in; unknown outside the grid."""
+        """State of the cell that contains each point (x, y in metres); unknown outside the grid."""
         at = self.world_to_cell(points)
         known = self.contains(at)
         row, column = np.moveaxis(np.where(known[..., None], at, 0), -1, 0)
         return np.where(known, self.cells[row, column], np.uint8(UNKNOWN))
 
     def distance_m(self) -> Float[ndarray, "rows columns"]:
-        """Metres from the centre of each cell to that of the nearest occupied one; inf where none is occupied."""
+        """Metres from the centre of each cell to that of the nearest occupied one; inf if none is occupied."""
         occupied = self.cells == OCCUPIED
         if not occupied.any():
             return np.full(self.cells.shape, np.inf)
@@ -83,7 +83,7 @@ class OccupancyGrid:
         """Read a grid written by `save`; nothing is unpickled.
 
         Raises:
-            UserError: there is no such file, or it holds no grid.
+            UserError: there is no such file, or it does not contain a grid.
         """
         try:
             with np.load(path, allow_pickle=False) as content:
@@ -102,15 +102,15 @@ def occupancy_from_scans(
 ) -> OccupancyGrid:
     """Integrate scans from known poses by log odds: a cell is occupied above 0, free below, unknown at 0.
 
-    Each scan adds 0.85 to the cells where a beam ends and takes 0.4 from others that a beam passes through, sampled
-    every half cell, once for each cell; sums stay within ±10 (Thrun, Burgard & Fox 2005, table 9.1).
+    Each scan adds 0.85 to cells where a beam ends and subtracts 0.4, once per cell, from other cells that a beam passes
+    through, sampled every half cell; sums stay within ±10 (Thrun, Burgard & Fox 2005, table 9.1).
 
     Args:
-        scanner: that the scans are from; ranges of ``max_range_m`` end in no surface.
+        scanner: that made the scans; ranges of ``max_range_m`` hit no surface.
         poses: x, y in metres and heading in radians.
         ranges: metres.
         resolution_m: side of a cell.
-        bounds: smallest x and y, largest x and y of the grid; by default what the beams reach.
+        bounds: smallest x and y, largest x and y of the grid; by default as far as the beams reach.
 
     Raises:
         UserError: bounds or resolution are not usable.
@@ -145,18 +145,18 @@ def occupancy_from_scene(
     resolution_m: float,
     reachable_from: Float[ndarray, "k 2"] | None = None,
 ) -> OccupancyGrid:
-    """Cut a scene at a height: cells with a surface in them are occupied.
+    """Slice a scene at a height: cells that contain a surface are occupied.
 
-    Rays along the middle of every row and column, in both directions, go on behind each surface they meet, up to the
-    bounds. The outlines they mark leave no gap that a path over cell sides could slip through.
+    Rays along the middle of every row and column, in both directions, continue behind each surface they meet, up to the
+    bounds. The outlines they mark have no gap that a path across cell sides could slip through.
 
     Args:
         caster: the scene.
         bounds: smallest x and y, largest x and y.
-        height_m: of the cut.
+        height_m: of the slice.
         resolution_m: side of a cell.
-        reachable_from: points (x, y) in the open, such as a route; other cells are then free only where a path leads to
-            them, and unknown elsewhere (inside houses). By default they are all free.
+        reachable_from: points (x, y) in the open, such as a route: cells are then free only where a path leads to them,
+            and unknown elsewhere (inside houses). By default all are free.
 
     Raises:
         UserError: bounds or resolution are not usable.
@@ -184,7 +184,7 @@ def occupancy_from_scene(
 
 
 def _parts(free: Bool[ndarray, "rows columns"]) -> Int64[ndarray, "rows columns"]:
-    """Number of the part, joined over sides, that each free cell is in; 0 elsewhere."""
+    """Number of the part, connected across sides, that each free cell belongs to; 0 elsewhere."""
     parts = np.zeros(free.shape, np.int64)
     ndimage.label(free, output=parts)
     return parts
@@ -193,7 +193,7 @@ def _parts(free: Bool[ndarray, "rows columns"]) -> Int64[ndarray, "rows columns"
 def _all_hits(
     caster: RayCaster, origins: Float[ndarray, "n 3"], axis: int, sign: float, length_m: float, skip_m: float = 1e-3
 ) -> Float[ndarray, "k 2"]:
-    """Every surface point (x, y) along parallel rays, each ray going on 1 mm behind what it meets."""
+    """Every surface point (x, y) along parallel rays, each of which continues 1 mm behind what it meets."""
     direction = np.zeros((len(origins), 3))
     direction[:, axis] = sign
     travelled, rays, found = np.zeros(len(origins)), np.arange(len(origins)), [np.zeros((0, 2))]
@@ -223,7 +223,7 @@ def _blank(bounds: Bounds, resolution_m: float) -> OccupancyGrid:
 
 
 def _flat(grid: OccupancyGrid, points: Float[ndarray, "k 2"]) -> Int64[ndarray, " j"]:
-    """Flat numbers of the cells that points are in, those outside left out."""
+    """Flat indices of the cells that contain points; points outside are left out."""
     at = grid.world_to_cell(points)
     at = at[grid.contains(at)]
     return np.asarray(at[:, 0] * grid.cells.shape[1] + at[:, 1])

@@ -1,4 +1,4 @@
-"""Wheel odometry: a model of its errors, fitted to a real robot, and odometry that errs like it."""
+"""Wheel odometry: a model of its errors, fitted to a real robot, and simulated odometry with such errors."""
 
 from dataclasses import dataclass, replace
 
@@ -25,17 +25,17 @@ class OdometryNoise:
         u_y = v_y + lateral_bias · d                + n_y
         u_ω = (1 + turn_scale) ω + turn_bias · d    + n_ω      n_k ~ N(0, per_metre_k · d + per_radian_k · |ω|)
 
-    Variances, not deviations, are proportional to motion: so the errors over a stretch do not depend on how many frames
-    it is cut into, and a robot that stands still gets none. There is no floor and no slowly varying bias: neither is
-    seen in the data (see `COLD_WHEELS`).
+    Variances, not standard deviations, are proportional to motion, so the errors over a stretch do not depend on the
+    number of frames it is divided into, and a robot at rest has none. There is no floor and no slowly varying bias:
+    the data show neither (see `COLD_WHEELS`).
 
     Attributes:
-        forward_scale, turn_scale: relative.
-        lateral_bias: metres a metre.
-        turn_bias: radians a metre; what makes a robot that believes to drive straight drive a circle.
-        per_metre: variance a metre of n_x, n_y in m²/m and n_ω in rad²/m.
-        per_radian: variance a radian of n_x, n_y in m²/rad and n_ω in rad²/rad.
-        lever_m: how far ahead of the axle the frame of the given poses is: a calibration of the robot, not an error.
+        forward_scale, turn_scale: relative errors.
+        lateral_bias: metres per metre.
+        turn_bias: radians per metre; it makes a robot that believes it drives straight drive in a circle.
+        per_metre: variance per metre of n_x, n_y in m²/m and n_ω in rad²/m.
+        per_radian: variance per radian of n_x, n_y in m²/rad and n_ω in rad²/rad.
+        lever_m: how far the frame of the given poses is ahead of the axle: calibration of the robot, not an error.
     """
 
     forward_scale: float
@@ -47,7 +47,7 @@ class OdometryNoise:
     lever_m: float = 0.0
 
     def scaled(self, factor: float) -> "OdometryNoise":
-        """Errors ``factor`` times as large: biases by the factor, variances by its square; 0 is perfect odometry."""
+        """Errors ``factor`` times as large: biases scale with it, variances with its square; 0 is perfect odometry."""
         return replace(
             self,
             forward_scale=factor * self.forward_scale,
@@ -63,9 +63,9 @@ class OdometryNoise:
 #: ``python -c "import sys; from sextant.worlds.odometry import *; from sextant.worlds.trajectories import load_cold;
 #: c = load_cold(sys.argv[1]); print(fit_odometry_noise(c.poses, c.odometry))" $SEXTANT_DATA/cold/seq1_night1.json``.
 #: Refits to simulated drives scatter by 0.007, 0.004, 0.003 and 0.003 in the four systematic terms, so the two scales
-#: are not distinguishable from 0, and the turn bias of 1.6 degrees a metre is. It goes with distance, not with time or
-#: turning (regressed together), and what remains has a variance in proportion to distance from 1 m to 7 m and less
-#: beyond: no sign of a bias that wanders.
+#: are not distinguishable from 0, and the turn bias of 1.6 degrees per metre is. It grows with distance, not with time
+#: or turning (regressed together), and the variance of what remains is proportional to distance from 1 m to 7 m and
+#: smaller beyond: no sign of a bias that wanders.
 COLD_WHEELS = OdometryNoise(
     forward_scale=0.0063,
     turn_scale=0.0069,
@@ -80,7 +80,7 @@ COLD_WHEELS = OdometryNoise(
 def simulate(
     true_poses: Float[ndarray, "n 3"], noise: OdometryNoise, rng: np.random.Generator
 ) -> Float[ndarray, "n 3"]:
-    """Odometry along true poses (x, y in metres, heading in radians): starts at the first true pose and drifts away.
+    """Odometry along true poses (x, y in metres, heading in radians), which starts at the first and drifts away.
 
     Poses are those of the given frame, `OdometryNoise.lever_m` ahead of the axle.
     """
@@ -104,7 +104,7 @@ def fit_odometry_noise(true_poses: Float[ndarray, "n 3"], odometry: Float[ndarra
     Distances and turns are the odometry's, which do not jitter.
 
     Args:
-        true_poses, odometry: x, y in metres and heading in radians of the same frames; each in a frame of its own.
+        true_poses, odometry: x, y in metres and heading in radians at the same times, each in its own coordinates.
 
     Raises:
         UserError: the lengths differ, or the drive is shorter than 20 m.
@@ -164,7 +164,7 @@ def _least_squares(columns: Float[ndarray, "w k"], target: Float[ndarray, "w 1"]
 def _variances(
     error: Float[ndarray, "n 3"], moved: Float[ndarray, " n"], turned: Float[ndarray, " n"]
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Variance a metre and a radian of each component, from squared sums of errors over windows."""
+    """Variance per metre and per radian of each component, from squared sums of errors over windows."""
     way, turn = np.r_[0.0, np.cumsum(moved)], np.r_[0.0, np.cumsum(turned)]
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(error, axis=0)])
     rows, squares = [], []
@@ -183,7 +183,7 @@ def drift(true_poses: Float[ndarray, "n 3"], odometry: Float[ndarray, "n 3"], le
     """Root mean square translation (metres) and heading error (radians) of odometry over stretches of ``length_m``.
 
     ``E = (T_i⁻¹ T_j)⁻¹ (O_i⁻¹ O_j)`` for every i, with j the first frame that is ``length_m`` further along the
-    odometry, as in the KITTI benchmark (Geiger et al. 2012) but not divided by the length; nan where none is so long.
+    odometry, as in the KITTI benchmark (Geiger et al. 2012) but not divided by the length; nan if none is so long.
     """
     way = np.r_[0.0, np.cumsum(np.hypot(*increments(odometry)[:, :2].T))]
     first = np.flatnonzero(way + length_m < way[-1])
@@ -196,7 +196,7 @@ def drift(true_poses: Float[ndarray, "n 3"], odometry: Float[ndarray, "n 3"], le
 
 
 def at_axle(poses: Float[ndarray, "n 3"], lever_m: float) -> Float[ndarray, "n 3"]:
-    """Poses of the frame ``lever_m`` behind."""
+    """Poses of the frame ``lever_m`` further back."""
     ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2]), np.zeros(len(poses))])
     return np.asarray(poses - lever_m * ahead)
 

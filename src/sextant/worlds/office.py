@@ -1,4 +1,4 @@
-"""A procedural office: what stands where, from a floor plan and a seed, and its triangles under an appearance."""
+"""A procedural office: what stands where, from a floor plan and a seed, and its triangles in an appearance."""
 
 from functools import cached_property
 
@@ -23,15 +23,15 @@ from sextant.worlds.street_objects import person_mesh
 class Office:
     """One floor of offices that is the same for the same plan and seed.
 
-    How an ``Appearance`` is read indoors:
+    How an ``Appearance`` is interpreted indoors:
 
     - ``night``, ``cloud_cover`` and the sun's height: daylight through the windows. The lamps of corridors, halls and
-      rooms without windows always burn; of the other rooms four in ten have theirs on in bright daylight, and all
-      of them at night and on dull days.
+      rooms without windows are always on; four in ten of the other rooms have theirs on in bright daylight, all of
+      them at night and on dull days.
     - ``cars_moved``: share of the chairs and of the small things on desks that were moved.
     - ``facades_changed``: share of posters and pinboards that were replaced.
-    - ``traffic_per_100m``: people who stand about, for every 100 square metres of floor.
-    - ``change_seed``: which of them. Snow, rain, fog and leaves stay outside.
+    - ``traffic_per_100m``: people standing about, per 100 square metres of floor.
+    - ``change_seed``: which of these change. Snow, rain, fog and leaves stay outside.
 
     Args:
         plan: its rooms, doors and windows.
@@ -48,20 +48,20 @@ class Office:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Least x and y, greatest x and y of the building in the world, metres."""
+        """Smallest x and y, largest x and y of the building in the world, metres."""
         return self.plan.bounds
 
     def check_poses(self, poses: Float[ndarray, "n c"], clearance_m: float = 0.0) -> None:
         """Check that poses (x, y, ...) stand on free floor; see ``FloorPlan.check_poses``.
 
         Raises:
-            UserError: one does not; the message names its index and position.
+            UserError: one does not; names its index and position.
         """
         self.plan.check_poses(poses, clearance_m)
 
     @cached_property
     def fills(self) -> list[Point]:
-        """For each room: light scattered about from its lamps, from its windows, and the share of lamps on by day."""
+        """For each room: light scattered from its lamps and windows, and the share of lamps that are on by day."""
         rng = np.random.default_rng([self.seed, 1])
         windows = {window.room for window in self.plan.windows}
         always = {RoomKind.CORRIDOR, RoomKind.HALL}
@@ -83,7 +83,7 @@ class Office:
     # -- appearance ----------------------------------------------------------------------------------------------------
 
     def _things(self, a: Appearance) -> list[Thing]:
-        """Furniture as ``a`` leaves it: a share ``cars_moved`` of what is loose stands elsewhere."""
+        """Furniture in appearance ``a``: a share ``cars_moved`` of what is loose has been moved."""
         found = list(self.furnishing.things)
         rng = np.random.default_rng([self.seed, 51, a.change_seed])
         loose = [i for i, thing in enumerate(found) if thing.reach > 0]
@@ -97,7 +97,7 @@ class Office:
         return found
 
     def _leaves(self) -> list[Box]:
-        """What open door leaves cover of the floor."""
+        """The floor area that open door leaves cover."""
         boxes = []
         for door in self.plan.doors:
             if door.leaf == "open":
@@ -108,7 +108,7 @@ class Office:
         return boxes
 
     def _people(self, a: Appearance, there: list[Box]) -> Float64[ndarray, "n 5"]:
-        """x, y, heading, seed and room of those who stand about, clear of tracks and furniture."""
+        """x, y, heading, seed and room of the people who stand about, clear of tracks and furniture."""
         rng = np.random.default_rng([self.seed, 53, a.change_seed])
         wanted = rng.poisson(a.traffic_per_100m * self.floor_area_m2 / 100) if a.traffic_per_100m > 0 else 0
         area = np.array([room.area_m2 for room in self.plan.rooms])
@@ -127,7 +127,7 @@ class Office:
         return np.array(people).reshape(-1, 5)
 
     def mesh(self, appearance: Appearance) -> Mesh:
-        """All triangles of the office as ``appearance`` leaves it, in the world."""
+        """All triangles of the office in an appearance, in the world."""
         a, parts = appearance, Parts()
         things = self._things(a)
         for thing in things:
@@ -141,7 +141,7 @@ class Office:
         for hung, again in zip(self.furnishing.sheets, changed, strict=True):
             kind, print_seed = rng.random(2) if again else hung.seeds
             if again and (kind > 0.7) != (hung.seeds[0] > 0.7):
-                kind = (kind + 0.5) % 1  # a pinboard mostly stays one, with other notes
+                kind = (kind + 0.5) % 1  # a pinboard mostly remains one, with other notes
             sheet(parts, hung.frame, hung.size, hung.z, float(kind), float(print_seed))
         there = [thing.box for thing in things if thing.box is not None] + self._leaves()
         for x, y, heading, own, number in self._people(a, there):
@@ -150,7 +150,7 @@ class Office:
         return turned(Mesh.join([self._shell, parts.mesh()]), self.plan.heading, self.plan.origin)
 
     def lights(self, appearance: Appearance) -> RoomLights:
-        """Lamps and windows, and the contact shadows of what stands on the floor as ``appearance`` leaves it."""
+        """Lamps and windows, and the contact shadows of what stands on the floor in an appearance."""
         things = self._things(appearance)
         dark = [(thing.box, thing.shade) for thing in things if thing.box is not None]
         people = self._people(appearance, [box for box, _ in dark] + self._leaves())
@@ -158,5 +158,5 @@ class Office:
         return room_lights(self.plan, [(box, depth) for box, depth in dark] + [(box, 0.35) for box in self._leaves()])
 
     def renderer(self, appearance: Appearance) -> Renderer:
-        """A renderer of the office as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
+        """A renderer of the office in an appearance; appearances of equal ``structure`` may share it."""
         return Renderer(Scene(self.mesh(appearance)), self.lights(appearance), indoor=True)

@@ -1,4 +1,4 @@
-"""A floor plan carved around trajectories that were really driven."""
+"""A floor plan carved around real trajectories."""
 
 import itertools
 from dataclasses import dataclass
@@ -26,13 +26,13 @@ from sextant.worlds.office_plan import (
     with_windows,
 )
 
-#: least distance from a pose to a wall, and what is left for it when rooms and doors are cut, metres
+#: smallest distance from a pose to a wall, and the margin kept when rooms and doors are cut, metres
 CLEARANCE_M, ROOM_SPARE_M, DOOR_SPARE_M = 0.35, 0.5, 0.42
 #: a longer step between two poses is a jump, not a path
 JUMP_M = 0.5
-#: a straight drive this long is along a corridor; narrower corridors are widened
+#: a straight drive of this length is along a corridor; narrower corridors are widened
 STRAIGHT_M, CORRIDOR_M = 5.5, 2.0
-#: rooms that nobody entered are this deep, at least and at most; narrower rooms are widened
+#: smallest and largest depth of rooms that nobody entered; narrower rooms are widened
 DEPTHS_M, NARROWEST_M = (4.4, 6.0), 3.3
 #: the largest floor that is planned, metres
 LARGEST_M = 400.0
@@ -41,14 +41,14 @@ LARGEST_M = 400.0
 def plan_along(*trajectories: Float[ndarray, "n c"], seed: int = 0) -> FloorPlan:
     """A plan whose free space holds every pose, at least 0.35 m from any wall.
 
-    The axes are those that the robot mostly drove along. Where it went straight there is a corridor, where it left the
-    corridor a room, with a door where it passed the wall; the remaining walls of the corridors are lined with rooms
-    that nobody entered. A tangle without straight stretches gets one hall. Steps of more than 0.5 m are jumps: nothing
-    is cleared between.
+    The axes are those that the robot mostly drove along. Where it drove straight there is a corridor; where it left the
+    corridor there is a room, with a door where it passed the wall; the remaining walls of the corridors are lined with
+    rooms that nobody entered. A tangle without straight stretches becomes one hall. Steps of more than 0.5 m are jumps:
+    nothing is cleared in between.
 
     Args:
-        trajectories: x, y in metres, and anything after; several drives share one plan.
-        seed: what the rooms are used for, where nothing is known.
+        trajectories: x, y in metres, further columns are ignored; several drives share one plan.
+        seed: decides what rooms are used for where nothing is known.
 
     Raises:
         UserError: there are no poses, one is not finite, or they span more than 400 m.
@@ -63,7 +63,7 @@ def plan_along(*trajectories: Float[ndarray, "n c"], seed: int = 0) -> FloorPlan
     rng = np.random.default_rng([seed, 37])
     rooms, doors = _carve(tracks, rng)
     plan = FloorPlan(tuple(rooms), tuple(doors), with_windows(rooms, rng), tuple(tracks), heading)
-    if not _roomy(plan, tracks):  # a tangle: one hall holds it
+    if not _roomy(plan, tracks):  # a tangle: one hall contains it
         rooms = [Room(RoomKind.HALL, _bounds(_swept(tracks, 1.2)))]
         plan = FloorPlan(tuple(rooms), (), with_windows(rooms, rng), tuple(tracks), heading)
     return plan
@@ -91,7 +91,7 @@ def _pieces(points: Float[ndarray, "n 2"]) -> list[Float[ndarray, "m 2"]]:
 
 
 def _direction(pieces: list[Float[ndarray, "n 2"]]) -> float:
-    """Heading of the axis most travelled along: the angle of ``sum |v| e^(4i psi)`` over 4, of two axes the longer."""
+    """Heading of the axis travelled most: the angle of ``sum |v| e^(4i psi)`` over 4, the longer of the two axes."""
     steps = np.concatenate([piece[8::8] - piece[:-8:8] for piece in pieces if len(piece) > 8] or [np.zeros((1, 2))])
     v = steps[:, 0] + 1j * steps[:, 1]
     length = np.abs(v)
@@ -103,7 +103,7 @@ def _direction(pieces: list[Float[ndarray, "n 2"]]) -> float:
 
 
 def _swept(tracks: list[Float[ndarray, "n 2"]], metres: float) -> Polygon:
-    """All that is closer than ``metres`` to a path."""
+    """The area closer than ``metres`` to a path."""
     lines = MultiLineString([np.vstack([track, track[-1:]]) for track in tracks])
     return shapely.buffer(shapely.simplify(lines, 0.01), metres + 0.01, quad_segs=6)
 
@@ -117,7 +117,7 @@ def _bounds(shape: Polygon) -> Box:
 
 
 def _bends(points: Float[ndarray, "n 2"], tolerance: float) -> list[int]:
-    """Indices of the corners that Douglas and Peucker's line keeps."""
+    """Indices of the corners kept by the Douglas-Peucker algorithm."""
     keep, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
     while stack:
         a, b = stack.pop()
@@ -136,7 +136,7 @@ def _bends(points: Float[ndarray, "n 2"], tolerance: float) -> list[int]:
 
 @dataclass
 class _Straight:
-    """A straight drive along axis ``axis``; its points."""
+    """A straight drive along ``axis``, and its points."""
 
     axis: int
     points: Float[ndarray, "n 2"]
@@ -151,7 +151,7 @@ class _Straight:
 
 
 def _upright(axis: int, box: tuple[float, ...]) -> Box:
-    """A box given as (along, across) for a corridor along ``axis``; its own inverse."""
+    """A box as (along, across) for a corridor along ``axis``, or back: the function is its own inverse."""
     a, b, c, d = (float(x) for x in box)
     return (a, b, c, d) if axis == 0 else (b, a, d, c)
 
@@ -169,7 +169,7 @@ def _corridors(tracks: list[Float[ndarray, "n 2"]]) -> list[Box]:
 
 
 def _merged(straights: list[_Straight]) -> list[_Straight]:
-    """Drives along the same corridor as one, the longest first."""
+    """Drives along the same corridor merged into one, the longest first."""
     merged: list[_Straight] = []
     for straight in sorted(straights, key=lambda s: -float(np.ptp(s.points[:, s.axis]))):
         for k, other in enumerate(merged):
@@ -182,11 +182,11 @@ def _merged(straights: list[_Straight]) -> list[_Straight]:
 
 
 def _parted(straights: list[_Straight]) -> list[Box]:
-    """Corridors a wall apart."""
+    """Corridors with a wall between them."""
     found: list[tuple[int, Box]] = []
-    for straight in straights:  # the longest is whole, others end at its wall
+    for straight in straights:  # the longest stays whole, others end at its wall
         box = straight.box()
-        for k, (axis, other) in enumerate(found):  # one that ends within the other's width is drawn out to its corner
+        for k, (axis, other) in enumerate(found):  # one that ends within the other's width is extended to its corner
             if axis != straight.axis and overlaps(box, other, WALL_M):
                 a, b, c, d = _upright(axis, other)
                 along = _upright(axis, box)
@@ -252,7 +252,7 @@ def _carve(tracks: list[Float[ndarray, "n 2"]], rng: Generator) -> tuple[list[Ro
 
 
 def _widened(corridors: list[Box], swept: Polygon) -> list[Box]:
-    """Corridors that take in what was driven close along their walls."""
+    """Corridors widened to include what was driven close to their walls."""
     for _ in range(3):
         for k in range(len(corridors)):
             box = corridors[k]
@@ -269,7 +269,7 @@ def _widened(corridors: list[Box], swept: Polygon) -> list[Box]:
 
 
 def _entered(corridors: list[Box], swept: Polygon) -> list[Box]:
-    """A box around each place where the path left the corridors, grown together where they would overlap.
+    """A box around each place where the path left the corridors; boxes that would overlap are merged.
 
     A box may have to swallow a corridor: the two become one room.
     """
@@ -304,7 +304,7 @@ def _entered(corridors: list[Box], swept: Polygon) -> list[Box]:
 
 
 def _clipped(box: Box, corridor: Box) -> Box:
-    """``box`` drawn back from the wall of a corridor that it touches along a side."""
+    """``box`` pulled back from the wall of a corridor that it touches along a side."""
     x0, y0, x1, y1 = box
     grown = _grown(corridor, WALL_M)
     if not overlaps(box, grown):
@@ -316,13 +316,13 @@ def _clipped(box: Box, corridor: Box) -> Box:
         (max(x0, grown[2]), y0, x1, y1),
     ]
     best = max(cuts, key=lambda c: max(c[2] - c[0], 0) * max(c[3] - c[1], 0))
-    # a cut that loses much would lose the path: leave it to be merged
+    # a large cut would lose the path: leave the box to be merged
     lost = 1 - max(best[2] - best[0], 0) * max(best[3] - best[1], 0) / ((x1 - x0) * (y1 - y0))
     return best if lost < 0.45 else box
 
 
 def _lengthened(corridors: list[Box], entered: list[Box]) -> list[Box]:
-    """Corridors drawn out a little beyond where the robot turned, where nothing is in the way."""
+    """Corridors extended a little beyond where the robot turned, where nothing is in the way."""
     for k, box in enumerate(corridors):
         axis = 0 if _sides(box)[0] >= _sides(box)[1] else 1
         a, b, c, d = _upright(axis, box)
@@ -335,7 +335,7 @@ def _lengthened(corridors: list[Box], entered: list[Box]) -> list[Box]:
 
 
 def _roomier(box: Box, others: list[Box], corridors: list[Box]) -> Box:
-    """A room grown to a sensible size where nothing is in the way, first away from its corridor."""
+    """A room enlarged to a sensible size where nothing is in the way, first away from its corridor."""
     for axis in (1, 0):
         for step in range(80):
             a, b, c, d = _upright(axis, box)
@@ -354,7 +354,7 @@ def _roomier(box: Box, others: list[Box], corridors: list[Box]) -> Box:
 def _lined(
     corridor: Box, far: bool, corridors: list[Box], entered: list[Box], extra: list[Box], rng: Generator
 ) -> list[Box]:
-    """Rooms that nobody entered along one wall of a corridor; entered ones take up what is left between (in place)."""
+    """Rooms that nobody entered along one wall of a corridor; entered ones absorb the gaps between (in place)."""
     axis = 0 if _sides(corridor)[0] >= _sides(corridor)[1] else 1
     a, b, c, d = _upright(axis, corridor)
     wall = d + WALL_M if far else b - WALL_M
@@ -379,7 +379,7 @@ def _lined(
         if high - low >= 2.6:
             found += [_upright(axis, (s, band[1], e, band[3])) for s, e in split(low, high, rng)]
             continue
-        for k in here:  # too narrow for a room: its neighbour is larger
+        for k in here:  # too narrow for a room: its neighbour is enlarged
             box = _upright(axis, entered[k])
             wider = _upright(axis, (min(box[0], low), box[1], max(box[2], high), box[3]))
             if (abs(box[2] + WALL_M - low) < 0.05 or abs(box[0] - WALL_M - high) < 0.05) and not any(
@@ -394,7 +394,7 @@ def _lined(
 
 
 def _passages(rooms: list[Room], tracks: list[Float[ndarray, "n 2"]]) -> list[Doorway]:
-    """Openings where the path goes through walls; where two would touch they become one."""
+    """Openings where the path passes through walls; two that would touch become one."""
     swept = _swept(tracks, DOOR_SPARE_M)
     rest = swept.difference(shapely.union_all([shapely.box(*room.box) for room in rooms]))
     spans: dict[tuple[int, int], list[tuple[float, float]]] = {}
@@ -415,7 +415,7 @@ def _passages(rooms: list[Room], tracks: list[Float[ndarray, "n 2"]]) -> list[Do
 
 
 def _openings(rooms: list[Room], i: int, j: int, spans: list[tuple[float, float]]) -> list[Doorway]:
-    """Doors where two rooms are joined; two corridors are open to each other."""
+    """Doors where two rooms are connected; two corridors are open to each other."""
     if rooms[i].kind is rooms[j].kind is RoomKind.CORRIDOR:
         low, high = facing(rooms[i].box, rooms[j].box, WALL_M + 0.01) or spans[0]
         return [doorway(rooms, i, j, low, high, height=CEILING_M)]
@@ -453,7 +453,7 @@ def _junctions(rooms: list[Room], doors: list[Doorway]) -> list[Doorway]:
 
 
 def _roomy(plan: FloorPlan, tracks: list[Float[ndarray, "n 2"]]) -> bool:
-    """Whether rooms are apart, every pose keeps ``CLEARANCE_M`` from every wall, and every path stays on free floor."""
+    """Whether rooms are disjoint, poses keep ``CLEARANCE_M`` from every wall, and paths stay on free floor."""
     boxes = [room.box for room in plan.rooms]
     if any(overlaps(a, b, 0.9 * WALL_M) for i, a in enumerate(boxes) for b in boxes[:i]):
         return False

@@ -1,4 +1,4 @@
-"""Furniture: each piece as boxes in its own frame, its back at y = 0 and its front towards +y."""
+"""Furniture: each piece made of boxes in its own frame, with its back at y = 0 and its front towards +y."""
 
 from functools import lru_cache
 
@@ -34,7 +34,7 @@ def desk(parts: Parts, frame: Frame, width: float, colour: object, *, depth: flo
 
 
 def monitor(parts: Parts, frame: Frame, z: float, seed: float, *, on: bool, width: float = 0.52) -> None:
-    """A screen on a foot; it looks along y."""
+    """A screen on a stand, facing y."""
     parts.box(frame, (0, 0.0, z), (0.22, 0.16, 0.012), DARK, gloss=0.2)
     parts.box(frame, (0, -0.02, z), (0.05, 0.03, 0.2), DARK, gloss=0.2)
     parts.box(frame, (0, 0.0, z + 0.11), (width, 0.035, 0.62 * width), DARK, gloss=0.2)
@@ -44,7 +44,7 @@ def monitor(parts: Parts, frame: Frame, z: float, seed: float, *, on: bool, widt
 
 
 def clutter(parts: Parts, frame: Frame, z: float, rng: Generator) -> None:
-    """A keyboard, papers, books, a mug, wherever the generator drops them on a desk of 1.2 by 0.7 m."""
+    """A keyboard, papers, books and a mug, placed at random on a desk of 1.2 by 0.7 m."""
     parts.box(
         frame.inner(rng.uniform(-0.1, 0.1), rng.uniform(0.5, 0.58), rng.uniform(-0.15, 0.15)),
         (0, 0, z),
@@ -71,7 +71,7 @@ def _star() -> Float64[ndarray, "t 3 3"]:
 
 
 def office_chair(parts: Parts, frame: Frame, colour: object) -> None:
-    """A swivel chair; who sits on it looks along -y. Its middle is at the origin."""
+    """A swivel chair facing -y, centred at the origin."""
     parts.template(frame, _star(), 0.02, DARK)
     parts.box(frame, (0, 0, 0.42), (0.48, 0.46, 0.07), colour)
     parts.box(frame, (0, 0.23, 0.55), (0.43, 0.05, 0.46), colour)
@@ -82,7 +82,7 @@ def office_chair(parts: Parts, frame: Frame, colour: object) -> None:
 
 
 def chair(parts: Parts, frame: Frame, colour: object) -> None:
-    """A chair on four legs; who sits on it looks along -y. Its middle is at the origin."""
+    """A chair on four legs facing -y, centred at the origin."""
     for x in (-0.2, 0.2):
         for y in (-0.2, 0.2):
             parts.box(frame, (x, y, 0.0), (0.025, 0.025, 0.44 if y < 0 else 0.84), STEEL, gloss=0.3)
@@ -107,7 +107,7 @@ def shelf(
 
 
 def cupboard(parts: Parts, frame: Frame, width: float, height: float, colour: object, *, depth: float = 0.42) -> None:
-    """A cupboard of two doors."""
+    """A cupboard with two doors."""
     parts.box(
         frame,
         (0, depth / 2 + 0.004, 0.05),
@@ -124,7 +124,7 @@ def cupboard(parts: Parts, frame: Frame, width: float, height: float, colour: ob
 
 
 def table(parts: Parts, frame: Frame, width: float, depth: float, colour: object, height: float = 0.73) -> None:
-    """A table; its middle is at the origin."""
+    """A table, centred at the origin."""
     parts.box(frame, (0, 0, height - 0.03), (width, depth, 0.03), colour, kind=Kind.WOOD, parameters=(), seed=0.4)
     for x in (-width / 2 + 0.08, width / 2 - 0.08):
         for y in (-depth / 2 + 0.08, depth / 2 - 0.08):
@@ -132,7 +132,7 @@ def table(parts: Parts, frame: Frame, width: float, depth: float, colour: object
 
 
 def bench(parts: Parts, frame: Frame, width: float, seed: int) -> None:
-    """A laboratory bench with a shelf above it and instruments on it."""
+    """A laboratory bench with instruments on it and a shelf above."""
     rng = np.random.default_rng(seed)
     parts.box(frame, (0, 0.38, 0.86), (width, 0.76, 0.035), linear("#3a3d40"), gloss=0.5)
     parts.box(frame, (0, 0.36, 0.08), (width - 0.04, 0.66, 0.78), WHITE, gloss=0.15)
@@ -218,7 +218,7 @@ def sofa(parts: Parts, frame: Frame, width: float, colour: object) -> None:
 
 @lru_cache(maxsize=8)
 def _foliage(seed: int) -> Float64[ndarray, "t 3 3"]:
-    """Forty bent leaves that rise from a pot."""
+    """Forty bent leaves rising from a pot."""
     rng = np.random.default_rng([seed, 71])
     n = 42
     angle, lean = rng.uniform(0, 2 * np.pi, n), rng.uniform(0.05, 0.3, n)
@@ -236,7 +236,7 @@ def _foliage(seed: int) -> Float64[ndarray, "t 3 3"]:
 
 
 def plant(parts: Parts, frame: Frame, seed: float) -> None:
-    """A plant in a pot; its middle is at the origin."""
+    """A plant in a pot, centred at the origin."""
     parts.template(
         frame, prism(0.13, 0.17, 0.3, 12), 0.0, palette("#8a4b32", "#dcd8ce", "#3a3c40")[int(seed * 3)], gloss=0.2
     )
@@ -265,7 +265,7 @@ def extinguisher(parts: Parts, frame: Frame) -> None:
 
 
 def sheet(parts: Parts, frame: Frame, size: tuple[float, float], z: float, seed: float, print_seed: float) -> None:
-    """A poster (or a pinboard, where ``seed`` is above 0.7) on the wall."""
+    """A poster on the wall, or a pinboard where ``seed`` is above 0.7."""
     colour = PRINTS[int(print_seed * len(PRINTS))]
     parts.box(frame, (0, 0.008, z), (size[0], 0.012, size[1]), linear("#d8d4ca"))
     ground = palette("#efece4", "#e6e9ec", "#f2e9d2", "#dfe6dc")[int(print_seed * 97 % 4)]
@@ -289,6 +289,6 @@ def copier(parts: Parts, frame: Frame) -> None:
 
 
 def bin_(parts: Parts, frame: Frame) -> None:
-    """A waste-paper basket; its middle is at the origin."""
+    """A waste-paper basket, centred at the origin."""
     parts.template(frame, prism(0.12, 0.15, 0.32, 10)[:-10], 0.0, DARK)
     parts.template(frame, prism(0.12, 0.12, 0.05, 10)[-10:], 0.0, DARK)

@@ -17,17 +17,17 @@ from sextant.worlds.office_plan import (
     with_windows,
 )
 
-#: least and greatest width and depth of a building, metres
+#: smallest and largest width and depth of a building, metres
 SIZES_M = ((12.0, 200.0), (9.0, 120.0))
 CORRIDOR_M, MODULE_M, DEPTH_M = 1.9, 3.6, 4.8
 
 
 def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
-    """A building of ``size`` metres between its outer walls, the same for the same seed.
+    """A building that measures ``size`` metres between its outer walls; the same seed gives the same plan.
 
-    Corridors run along x, as many as give rooms about 4.8 m deep, and are joined by cross corridors. Rooms are of equal
-    width, so that corridors look alike; among the offices there are a kitchen, a hall, laboratories, meeting rooms and
-    stores. Most doors are open; those of stores are shut.
+    Corridors run along x, as many as make rooms about 4.8 m deep, and are linked by cross corridors. Rooms have equal
+    widths, so that corridors look alike; among the offices there are a kitchen, a hall, laboratories, meeting rooms and
+    stores. Most doors are open; those of stores are closed.
 
     Raises:
         UserError: a side is not a number within ``SIZES_M``.
@@ -64,7 +64,7 @@ def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
 
 
 def _rows(height: float) -> tuple[int, float]:
-    """How many corridors fit, and how deep that leaves the rooms."""
+    """How many corridors fit, and the resulting depth of the rooms."""
     best = (1, (height - CORRIDOR_M - 2 * WALL_M) / 2)
     for levels in range(2, 20):
         depth = (height - levels * (CORRIDOR_M + 2 * WALL_M) - (levels - 1) * WALL_M) / (2 * levels)
@@ -87,7 +87,7 @@ def _between(low: float, high: float, cuts: list[tuple[float, float]]) -> list[t
 
 
 def split(low: float, high: float, rng: Generator) -> list[tuple[float, float]]:
-    """Rooms side by side from ``low`` to ``high``: of equal modules, one room in six of two."""
+    """Rooms side by side from ``low`` to ``high``, made of equal modules: one room in six has two."""
     count = max(1, round((high - low + WALL_M) / (MODULE_M + WALL_M)))
     pitch = (high - low + WALL_M) / count
     found, k = [], 0
@@ -99,7 +99,7 @@ def split(low: float, high: float, rng: Generator) -> list[tuple[float, float]]:
 
 
 def name_rooms(rooms: list[Room], rng: Generator) -> list[Room]:
-    """Uses for the rooms named offices so far: wide ones become laboratories, halls or meeting rooms."""
+    """Uses for the rooms that are offices so far: wide ones become laboratories, halls or meeting rooms."""
     offices = [i for i, room in enumerate(rooms) if room.kind is RoomKind.OFFICE]
     wide = 1.4 * float(np.median([rooms[i].area_m2 for i in offices])) if offices else 0.0
     narrow = [i for i in offices if rooms[i].area_m2 <= wide]
@@ -122,7 +122,7 @@ def name_rooms(rooms: list[Room], rng: Generator) -> list[Room]:
 
 
 def doors_to_corridors(rooms: list[Room], rng: Generator, done: set[int] | None = None) -> list[Doorway]:
-    """A door from every room (but those ``done``) to the corridor it has the longest wall in common with."""
+    """A door from every room, except those ``done``, to the corridor with which it shares the longest wall."""
     doors: list[Doorway] = []
     corridors = [i for i, room in enumerate(rooms) if room.kind is RoomKind.CORRIDOR]
     for i, room in enumerate(rooms):

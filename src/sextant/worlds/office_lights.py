@@ -11,19 +11,19 @@ from sextant.worlds.lamps import Lamps
 from sextant.worlds.office_plan import CEILING_M, HEAD_M, SILL_M, WALL_M, Box, FloorPlan, Room, RoomKind, Side, Window
 from sextant.worlds.shading.interior import SHADOW_STEPS
 
-#: side of a cell in metres, and lights kept a cell
+#: side of a cell in metres, and lights kept per cell
 CELL_M, NEAREST = 0.1, 9
 
 
 @dataclass(frozen=True)
 class RoomLights(Lamps):
-    """Lights that shine in their own room only.
+    """Lights that shine only in their own room.
 
     Attributes:
-        position: ceiling lamps, and the middles of windows; told apart by their height.
-        cells: the lights of the room that a cell is in, nearest first, -1 for none; last the shadow of furniture on the
-            floor, 0 to ``SHADOW_STEPS``.
-        origin: x and y of the grid's corner, and the side of a cell.
+        position: ceiling lamps and the centres of windows, distinguished by height.
+        cells: the lights of the room that a cell is in, nearest first, -1 for none; last, the shadow of furniture on
+            the floor, 0 to ``SHADOW_STEPS``.
+        origin: x and y of the grid's corner, and side of a cell.
     """
 
     cells: Int32[ndarray, "gx gy k"]
@@ -46,7 +46,7 @@ def room_lamps(room: Room) -> Float64[ndarray, "n 3"]:
 
 
 def window_light(room: Room, window: Window) -> Float64[ndarray, "3"]:
-    """The middle of a window, a little into the room."""
+    """The centre of a window, slightly inside the room."""
     x, y = room.start(window.side)
     s = (window.start + window.end) / 2
     dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[window.side]
@@ -63,7 +63,7 @@ def _niche(room: Room, window: Window) -> Box:
 
 
 def room_fills(plan: FloorPlan, lit_by_day: Float64[ndarray, "n"]) -> list[tuple[float, float, float]]:
-    """For each room: light scattered about from lamps and from windows, and the share of its lamps that burn by day."""
+    """For each room: light scattered from lamps and from windows, and the share of its lamps that are on by day."""
     glass = np.zeros(len(plan.rooms))
     for window in plan.windows:
         glass[window.room] += (window.end - window.start) * (HEAD_M - SILL_M)
@@ -79,7 +79,7 @@ def room_lights(plan: FloorPlan, footprints: list[tuple[Box, float]]) -> RoomLig
     """The lights of a plan, in the world.
 
     Args:
-        footprints: boxes of furniture in the frame of the plan, and how dark a shadow each casts, 0 to 1.
+        footprints: boxes of furniture in the frame of the plan, and the darkness of the shadow each casts, 0 to 1.
     """
     lights = [room_lamps(room) for room in plan.rooms]
     for window in plan.windows:
@@ -117,7 +117,7 @@ class _Grid:
     shape: tuple[int, ...]
 
     def within(self, box: Box, margin: float) -> tuple[tuple[slice, slice], ndarray, ndarray]:
-        """The block of cells around a box of the plan, which of them are within ``margin`` of it, and their places."""
+        """The cells around a box of the plan, which of them are within ``margin`` of it, and their positions."""
         x0, y0, x1, y1 = box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin
         corners = self.plan.to_world(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]))
         low = np.clip(np.floor((corners.min(0) - self.origin[:2]) / CELL_M).astype(int) - 1, 0, self.shape)

@@ -1,4 +1,4 @@
-"""Boxes and panels in the frames of things, gathered and turned into one mesh."""
+"""Boxes and panels in the frames of objects, collected into one mesh."""
 
 from dataclasses import dataclass, field
 
@@ -9,19 +9,19 @@ from numpy import ndarray
 from sextant.worlds.mesh import Mesh, boxes, instances, place, quads
 from sextant.worlds.surfaces import COLUMNS, COS, P0, SIN, Kind, X, Y, Z, surface_rows
 
-#: last three columns of an indoor row: see ``shading/interior.py``
+#: the last three columns of an indoor row; see ``shading/interior.py``
 FILLS = slice(P0 + 7, P0 + 10)
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a thing stands: x runs along its width, y out of its back, z up.
+    """Where an object stands: x runs along its width, y away from its back, z up.
 
     Attributes:
         x, y: metres, in the frame of the plan.
         heading: direction of its x axis, radians.
-        fills: lamp light, daylight and share of lamps by day of the room it is in.
+        fills: lamp light, daylight and share of lamps that are on by day, of the room it is in.
     """
 
     x: float
@@ -35,13 +35,13 @@ class Frame:
         return float(self.x + c * x - s * y), float(self.y + s * x + c * y)
 
     def inner(self, x: float, y: float, turn: float = 0.0) -> "Frame":
-        """A frame within this one."""
+        """A frame relative to this one."""
         return Frame(*self.at(x, y), self.heading + turn, self.fills)
 
 
 @dataclass
 class Parts:
-    """A growing pile of boxes and panels."""
+    """A growing collection of boxes and panels."""
 
     _boxes: list[tuple[float, ...]] = field(default_factory=list)
     _box_rows: list[Float32[ndarray, "24"]] = field(default_factory=list)
@@ -60,7 +60,7 @@ class Parts:
         second: object = (0.5, 0.5, 0.5),
         seed: float = 0.0,
     ) -> None:
-        """A box that stands on ``centre``; its texture begins at the left end of its width."""
+        """A box that stands on ``centre``; its texture starts at the left end of its width."""
         x, y, z = centre
         corner = frame.at(x - size[0] / 2, y)
         row = surface_rows(
@@ -83,7 +83,7 @@ class Parts:
         second: object = (0.5, 0.5, 0.5),
         seed: float = 0.0,
     ) -> None:
-        """An upright rectangle that faces y, with its bottom edge at ``centre``."""
+        """A vertical rectangle that faces y, with its lower edge at ``centre``."""
         x, y, z = centre
         width, height = size
         low, high = frame.at(x - width / 2, y), frame.at(x + width / 2, y)
@@ -105,14 +105,14 @@ class Parts:
         gloss: float = 0.05,
         seed: float = 0.0,
     ) -> None:
-        """Triangles given in the frame of the thing, of one plain colour."""
+        """Triangles given in the frame of the object, in one plain colour."""
         row = surface_rows(Kind.PLAIN, 1, seed=seed, colour=colour, origin=(frame.x, frame.y, z), parameters=(gloss,))
         row[:, FILLS] = frame.fills
         placed = place(triangles, np.array([[frame.x, frame.y, z]]), np.array([frame.heading]))
         self._meshes.append(instances(placed, row))
 
     def add(self, mesh: Mesh, fills: Point) -> None:
-        """Another mesh, given the light of a room."""
+        """Add another mesh, lit as a room."""
         if len(mesh):
             mesh.surfaces[:, FILLS] = fills
             self._meshes.append(mesh)
@@ -128,7 +128,7 @@ class Parts:
 
 
 def turned(mesh: Mesh, heading: float, origin: tuple[float, float]) -> Mesh:
-    """A mesh and its textures turned about z and moved."""
+    """A mesh and its textures, rotated about z and moved."""
     c, s = np.cos(heading), np.sin(heading)
     turn: Float[ndarray, "3 3"] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     shift = np.array([*origin, 0.0])

@@ -1,7 +1,7 @@
 """Floor plans: rooms, doorways and windows as exact geometry in two dimensions.
 
-All spaces are rectangles in the frame of the plan, whose axes are those of the walls; the plan as a whole may be turned
-in the world. What is not a room nor a doorway is wall.
+All spaces are rectangles in the frame of the plan, whose axes are parallel to the walls; the plan as a whole may be
+rotated in the world. What is neither a room nor a doorway is wall.
 """
 
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from shapely import Polygon
 
 from sextant.errors import UserError
 
-#: metres: partitions, outer walls, ceilings, and the tops of doors
+#: metres: thickness of partitions and outer walls, height of ceilings and doors
 WALL_M, OUTER_WALL_M, CEILING_M, DOOR_M = 0.15, 0.35, 2.7, 2.06
 #: window sills and heads above the floor, metres
 SILL_M, HEAD_M = 0.92, 2.3
@@ -25,7 +25,7 @@ Box = tuple[float, float, float, float]
 
 
 class RoomKind(StrEnum):
-    """What a room is for; it decides on floor and furniture."""
+    """What a room is for; it determines floor and furniture."""
 
     CORRIDOR = "corridor"
     HALL = "hall"
@@ -37,7 +37,7 @@ class RoomKind(StrEnum):
 
 
 class Side(IntEnum):
-    """The walls of a room, counter-clockwise: walking along one from its start, the room lies to the left."""
+    """The walls of a room, counter-clockwise: walking along a wall from its start, the room is on the left."""
 
     SOUTH = 0
     EAST = 1
@@ -88,11 +88,11 @@ class Doorway:
 
     Attributes:
         box: the floor of the passage, from face to face of the wall.
-        rooms: numbers of the two rooms; a leaf turns into the first.
-        height: metres; ``CEILING_M`` joins two stretches of corridor.
+        rooms: numbers of the two rooms; a leaf opens into the first.
+        height: metres; ``CEILING_M`` where two stretches of corridor are joined.
         leaf: ``none``, ``open`` or ``closed``.
-        hinge_high: whether the leaf hangs at the end with the larger coordinate.
-        angle: how far an open leaf has turned, radians.
+        hinge_high: whether the hinge is at the end with the larger coordinate.
+        angle: by how much an open leaf has turned, radians.
     """
 
     box: Box
@@ -104,7 +104,7 @@ class Doorway:
 
     @property
     def across_x(self) -> bool:
-        """Whether one walks through along the x axis."""
+        """Whether the passage leads along the x axis."""
         return self.side_of is not None and self.side_of in (Side.EAST, Side.WEST)
 
     side_of: Side = Side.SOUTH  # which wall of the first room it is in
@@ -116,7 +116,7 @@ class Doorway:
 
     @property
     def passable(self) -> bool:
-        """Whether one can walk through."""
+        """Whether it can be walked through."""
         return self.leaf != "closed"
 
 
@@ -141,8 +141,8 @@ class FloorPlan:
     """One floor of a building.
 
     Attributes:
-        rooms, doors, windows: what it consists of, in the frame of the plan.
-        tracks: lines that furniture keeps out of, in the frame of the plan, ``(n, 2)`` each.
+        rooms, doors, windows: its elements, in the frame of the plan.
+        tracks: lines that furniture stays clear of, in the frame of the plan, ``(n, 2)`` each.
         heading: direction of the plan's x axis in the world, radians.
         origin: the plan's origin in the world, metres.
     """
@@ -164,18 +164,18 @@ class FloorPlan:
 
     @cached_property
     def local_free(self) -> Polygon:
-        """Floor that is not wall, in the frame of the plan: rooms, and doorways that are not shut."""
+        """Free floor in the frame of the plan: rooms, and doorways that are not closed."""
         boxes = [room.box for room in self.rooms] + [door.box for door in self.doors if door.passable]
         return shapely.union_all([shapely.box(*box) for box in boxes])
 
     @cached_property
     def free(self) -> Polygon:
-        """Floor that is not wall, in the world; several polygons where shut doors part it."""
+        """Free floor in the world; several polygons where closed doors divide it."""
         return self._placed(self.local_free)
 
     @cached_property
     def walkable(self) -> Polygon:
-        """The largest part of ``free`` that hangs together: where a robot can get to, in the world."""
+        """The largest connected part of ``free``, which a robot can reach, in the world."""
         parts = shapely.get_parts(self.free)
         return parts[int(np.argmax(shapely.area(parts)))]
 
@@ -186,7 +186,7 @@ class FloorPlan:
 
     @cached_property
     def local_building(self) -> Polygon:
-        """Everything within the outer walls, in the frame of the plan, without inner yards."""
+        """Everything within the outer walls, in the frame of the plan, without courtyards."""
         reach = OUTER_WALL_M
         grown = shapely.union_all([shapely.box(b[0] - reach, b[1] - reach, b[2] + reach, b[3] + reach)
                                    for b in (room.box for room in self.rooms)])  # fmt: skip
@@ -194,12 +194,12 @@ class FloorPlan:
 
     @cached_property
     def walls(self) -> Polygon:
-        """Solid walls in the world, with their thickness; shut doors count as wall."""
+        """Solid walls in the world, with their thickness; closed doors count as walls."""
         return self.building.difference(self.free)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Least x and y, greatest x and y of the building in the world, metres."""
+        """Smallest x and y, largest x and y of the building in the world, metres."""
         left, bottom, right, top = self.building.bounds
         return float(left), float(bottom), float(right), float(top)
 
@@ -212,12 +212,12 @@ class FloorPlan:
         """Check that poses stand on free floor.
 
         Args:
-            poses: x, y in metres in the world, and anything after.
-            clearance_m: least distance to the nearest wall.
+            poses: x, y in metres in the world; further columns are ignored.
+            clearance_m: smallest allowed distance to a wall.
 
         Raises:
-            UserError: a pose is not finite, in a wall, outside the building, or closer to a wall than allowed; the
-                message names the first such index and its position.
+            UserError: a pose is not finite, in a wall, outside the building, or closer to a wall than allowed; names
+                the index and position of the first.
         """
         points = np.asarray(poses, np.float64)
         if points.ndim != 2 or points.shape[1] < 2:
@@ -279,7 +279,7 @@ def doorway(rooms: list[Room], first: int, second: int, low: float, high: float,
 
 
 def facing(a: Box, b: Box, gap: float) -> tuple[float, float] | None:
-    """The stretch along which two boxes face each other over at most ``gap`` metres; None where they do not."""
+    """The stretch along which two boxes face each other across at most ``gap`` metres; None where they do not."""
     dx, dy = max(b[0] - a[2], a[0] - b[2]), max(b[1] - a[3], a[1] - b[3])
     if 0 <= dx <= gap and dy < 0:
         return max(a[1], b[1]), min(a[3], b[3])
@@ -295,7 +295,7 @@ def overlaps(a: Box, b: Box, margin: float = 0.0) -> bool:
 
 
 def with_windows(rooms: list[Room], rng: np.random.Generator, share: float = 0.9) -> tuple[Window, ...]:
-    """Windows in every wall that has the open air behind it, for a ``share`` of the rooms."""
+    """Windows in every wall to the open air, for a ``share`` of the rooms."""
     windows = []
     for number, room in enumerate(rooms):
         if room.kind is RoomKind.STORE or rng.random() > share:

@@ -1,4 +1,4 @@
-"""Which furniture stands where: along the walls of each room, clear of doors, windows and given tracks."""
+"""Where furniture stands: along the walls of each room, clear of doors, windows and given tracks."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from sextant.worlds.office_parts import Frame, Parts, Point
 from sextant.worlds.office_plan import Box, FloorPlan, RoomKind, Side, overlaps
 from sextant.worlds.office_shell import doors_of, opening, wall_frame
 
-#: furniture keeps this far from the given tracks, metres
+#: distance of furniture from the given tracks, metres
 KEEP_CLEAR_M = 0.42
 Draw = Callable[[Parts, Frame], None]
 
@@ -28,10 +28,10 @@ class Thing:
     Attributes:
         frame: where it stands.
         draw: draws it in a frame.
-        box: what it covers of the floor, in the frame of the plan; None where it hangs on a wall.
-        shade: how dark a shadow it casts on the floor, 0 to 1.
+        box: the floor it covers, in the frame of the plan; None if it hangs on a wall.
+        shade: darkness of its shadow on the floor, 0 to 1.
         room: number of the room.
-        reach: half of what a loose thing needs around its middle; 0 where it is not loose.
+        reach: half the space that a loose thing needs around its centre; 0 if it is not loose.
     """
 
     frame: Frame
@@ -54,7 +54,7 @@ class Sheet:
 
 @dataclass
 class Desktop:
-    """A desk to be covered with small things, which differ with the seed."""
+    """A desk to be covered with small things that depend on the seed."""
 
     frame: Frame
     seed: int
@@ -73,8 +73,8 @@ class Furnisher:
     """Furnishes a plan, room by room.
 
     Args:
-        plan: where.
-        seed: with what.
+        plan: the floor to furnish.
+        seed: decides which furniture.
         fills: light of each room.
     """
 
@@ -94,7 +94,7 @@ class Furnisher:
         self.fabric = things.FABRICS[int(self.rng.integers(len(things.FABRICS)))]
 
     def furnish(self) -> Furnishing:
-        """All rooms."""
+        """Furnish all rooms."""
         for number, room in enumerate(self.plan.rooms):
             self.rng = np.random.default_rng([self.seed, 68, number])
             self._enter(number)
@@ -117,7 +117,7 @@ class Furnisher:
     # -- where there is space ------------------------------------------------------------------------------------------
 
     def _enter(self, number: int) -> None:
-        """Marks what must stay clear in a room: the space before doors and where their leaves turn."""
+        """Mark what must stay clear in a room: the space in front of doors and where their leaves turn."""
         room = self.plan.rooms[number]
         self._taken, self._walls = [], {side: [] for side in Side}
         for door, side in doors_of(self.plan, number):
@@ -152,7 +152,7 @@ class Furnisher:
         front: float = 0.0,
         corner_first: bool = False,
     ) -> Frame | None:
-        """Stands a thing (width, depth, height) against a wall where it fits, with ``front`` metres clear."""
+        """Put a thing (width, depth, height) against a wall where it fits, with ``front`` metres clear."""
         room = self.plan.rooms[number]
         width, depth, height = size
         tries = []
@@ -185,7 +185,7 @@ class Furnisher:
     def _stand(
         self, number: int, frame: Frame, size: tuple[float, float], draw: Draw, *, shade: float, loose: bool = False
     ) -> bool:
-        """Stands a thing with its middle at the origin of ``frame``, if there is room."""
+        """Put a thing with its centre at the origin of ``frame``, if there is room."""
         wide = max(size) if loose else 0.0
         box = _box(frame, -size[0] / 2, size[0] / 2, -size[1] / 2, size[1] / 2)
         if not self._free(number, box, 0.0):
@@ -194,7 +194,7 @@ class Furnisher:
         return True
 
     def _hang(self, number: int, *, size: tuple[float, float] | None = None, side: Side | None = None) -> None:
-        """Hangs a poster or a pinboard where a wall is bare."""
+        """Hang a poster or a pinboard where a wall is bare."""
         room = self.plan.rooms[number]
         for _ in range(12):
             where = Side(int(self.rng.integers(4))) if side is None else side
@@ -268,7 +268,7 @@ class Furnisher:
                 )  # fmt: skip
 
     def _small(self, number: int) -> None:
-        """A plant, a basket, a spare chair."""
+        """Add a plant, a basket and a spare chair."""
         rng, fabric = self.rng, self.fabric
         if rng.random() < 0.6:
             seed = float(rng.random())
@@ -313,7 +313,7 @@ class Furnisher:
         self._small(number)
 
     def _island(self, number: int, width: float, depth: float, seats: int) -> None:
-        """A table in the open with chairs around it, where it fits best."""
+        """A free-standing table with chairs around it, where it fits best."""
         room, rng, wood, fabric = self.plan.rooms[number], self.rng, self.wood, self.fabric
         x0, y0, x1, y1 = room.box
         middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
@@ -390,7 +390,7 @@ class Furnisher:
         self._shelves(number, 5)
 
     def _corridor(self, number: int) -> None:
-        """Name plates, posters, extinguishers, and a few low things where there is width to spare."""
+        """Name plates, posters, extinguishers, and a few low things where the corridor is wide enough."""
         room, rng = self.plan.rooms[number], self.rng
         for door, side in doors_of(self.plan, number):
             if door.height > 2.2 or number != door.rooms[1]:
@@ -439,7 +439,7 @@ class Furnisher:
                     )
 
     def _mount(self, number: int, side: Side, draw: Draw) -> None:
-        """Hangs a thing on a bare stretch of wall, away from the tracks."""
+        """Hang a thing on a bare stretch of wall, away from the tracks."""
         room = self.plan.rooms[number]
         for _ in range(20):
             s = float(self.rng.uniform(0.4, max(room.length(side) - 0.4, 0.5)))
@@ -455,7 +455,7 @@ class Furnisher:
 def shifted(
     thing: Thing, things_there: list[Box], plan: FloorPlan, tracks: shapely.Geometry | None, rng: Generator
 ) -> Thing:
-    """A loose thing pushed up to 0.7 m away and turned, to where there is room; itself where there is none."""
+    """A loose thing, moved by up to 0.7 m and turned to where there is room; unchanged if there is none."""
     for _ in range(10):
         moved = thing.frame.inner(
             float(rng.uniform(-0.7, 0.7)), float(rng.uniform(-0.7, 0.7)), float(rng.uniform(-np.pi, np.pi))
@@ -471,7 +471,7 @@ def shifted(
 
 
 def keep_clear(plan: FloorPlan) -> shapely.Geometry | None:
-    """What furniture keeps out of, in the frame of the plan."""
+    """The area that furniture stays clear of, in the frame of the plan."""
     if not plan.tracks:
         return None
     lines = MultiLineString([np.vstack([track, track[-1:]]) for track in plan.tracks])
@@ -479,7 +479,7 @@ def keep_clear(plan: FloorPlan) -> shapely.Geometry | None:
 
 
 def _at(y: float, draw: Draw, turn: float = 0.0) -> Draw:
-    """Draws something whose middle is its origin ``y`` metres from the wall, turned."""
+    """Draw something centred at its origin ``y`` metres from the wall, turned."""
 
     def drawn(parts: Parts, frame: Frame) -> None:
         draw(parts, frame.inner(0.0, y, turn))
@@ -488,7 +488,7 @@ def _at(y: float, draw: Draw, turn: float = 0.0) -> Draw:
 
 
 def _box(frame: Frame, x0: float, x1: float, y0: float, y1: float) -> Box:
-    """The smallest box of the plan around a rectangle in a frame."""
+    """The smallest axis-aligned box of the plan around a rectangle in a frame."""
     corners: Float64[ndarray, "4 2"] = np.array([frame.at(x, y) for x in (x0, x1) for y in (y0, y1)])
     low, high = corners.min(0), corners.max(0)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

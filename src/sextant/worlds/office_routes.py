@@ -1,4 +1,4 @@
-"""Drives of a robot through an office: from one place to the next along shortest ways."""
+"""Drives of a robot through an office, from place to place along shortest paths."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ from sextant.errors import UserError
 from sextant.worlds.office_plan import FloorPlan
 
 CELL_M, CLEARANCE_M, SMOOTH_M = 0.2, 0.5, 0.7
-#: of a drive through a mapped floor: how far from the mapping drive is off it, and how long a way there counts
+#: for drives through a mapped floor: distance beyond which a cell is off the mapping drive, and the cost of going there
 BESIDE_M, DETOUR = 0.4, 6.0
 
 
@@ -29,9 +29,9 @@ def wander(plan: FloorPlan, length_m: float, step_m: float, rng: np.random.Gener
 
 
 def survey(plan: FloorPlan, length_m: float, step_m: float, rng: np.random.Generator) -> Float64[ndarray, "n 3"]:
-    """A drive to map the floor: always to the place farthest from all the way so far; then the whole way back.
+    """A drive to map the floor: always to the place farthest from the path so far, then all the way back.
 
-    So what is seen from somewhere on the way is seen in both directions.
+    So every place on the path is seen in both directions.
 
     Raises:
         UserError: as for :func:`wander`.
@@ -49,9 +49,9 @@ def revisit(
     step_m: float,
     rng: np.random.Generator,
 ) -> Float64[ndarray, "n 3"]:
-    """A drive about a floor that was mapped: between random places of the mapping drive, rather along it than off it.
+    """A drive through a mapped floor, between random places of the mapping drive and preferably along it.
 
-    A way through cells farther than ``BESIDE_M`` from the mapping drive counts ``DETOUR`` times its length.
+    A path through cells farther than ``BESIDE_M`` from the mapping drive costs ``DETOUR`` times its length.
 
     Raises:
         UserError: as for :func:`wander`.
@@ -68,7 +68,7 @@ def revisit(
     return _drive(plan, length_m, step_m, rng, choose, near)
 
 
-#: chooses the next place to drive to: among the numbers of the reachable ones, by the way so far and all points
+#: chooses the next destination among the reachable points (by index), given the path so far and all points
 Choose = Callable[[Int64[ndarray, "k"], Float64[ndarray, "w 2"], Float64[ndarray, "p 2"]], int]
 
 
@@ -84,7 +84,7 @@ def _drive(
     choose: Choose,
     preferred: Callable[[Float64[ndarray, "p 2"]], Bool[ndarray, "p"]] | None = None,
 ) -> Float64[ndarray, "n 3"]:
-    """Poses along shortest ways from one chosen place to the next."""
+    """Poses along shortest paths from one chosen place to the next."""
     for key, value in (("metres", length_m), ("step_m", step_m)):
         if not 0 < value < 1e6:
             raise UserError(
@@ -119,7 +119,7 @@ def _drive(
 
 
 def _neighbours(free: Bool[ndarray, "r c"], cost: Float64[ndarray, "n"]) -> coo_array:
-    """Distances in metres between free cells that touch, also at a corner, times the mean cost of the two."""
+    """Distances in metres between adjacent free cells, diagonal ones included, times the mean cost of the two."""
     rows, columns = free.shape
     index: Int64[ndarray, "r c"] = np.arange(rows * columns).reshape(rows, columns)
     starts, ends, metres = [], [], []
@@ -135,7 +135,7 @@ def _neighbours(free: Bool[ndarray, "r c"], cost: Float64[ndarray, "n"]) -> coo_
 
 
 def _poses(way: Float64[ndarray, "k 2"], length_m: float, step_m: float) -> Float64[ndarray, "n 3"]:
-    """A smooth drive along a way of grid cells, sampled by distance; the robot turns on the spot at sharp corners."""
+    """A smooth drive along a path of grid cells, sampled by distance; the robot turns on the spot at sharp corners."""
     arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))]
     fine = np.arange(0, arc[-1], 0.02)
     line = np.column_stack([np.interp(fine, arc, way[:, k]) for k in range(2)])

@@ -1,7 +1,7 @@
 """Walls, floors, ceilings, doors and windows of a floor plan as triangles.
 
-Every room is a closed box of quadrilaterals that face inward, joined to its neighbours by the tunnels of the doorways.
-A hull of the whole building stands behind: no ray leaves it.
+Every room is a closed box of quadrilaterals that face inwards, joined to its neighbours by the tunnels of the doorways.
+A hull around the whole building closes it: no ray can leave.
 """
 
 import itertools
@@ -43,11 +43,11 @@ FLOORS: dict[RoomKind, tuple[int, Float[ndarray, "n 3"]]] = {
     RoomKind.MEETING: (2, palette("#a97b4d", "#9a6f48")),
     RoomKind.STORE: (3, palette("#8c8a85")),
 }
-Rect = tuple[float, float, float, float]  # along the wall from, to; above the floor from, to
+Rect = tuple[float, float, float, float]  # from and to along the wall; from and to above the floor
 
 
 def shell(plan: FloorPlan, seed: int, fills: list[Point]) -> Mesh:
-    """The building without anything in it, in the frame of the plan."""
+    """The empty building, in the frame of the plan."""
     rng = np.random.default_rng([seed, 61])
     parts = Parts()
     style = int(rng.integers(len(PALE)))
@@ -77,21 +77,21 @@ def shell(plan: FloorPlan, seed: int, fills: list[Point]) -> Mesh:
 
 
 def wall_frame(room: Room, side: Side, s: float, fills: Point) -> Frame:
-    """The frame of something that stands at ``s`` metres along a wall, its back to it."""
+    """The frame of something that stands ``s`` metres along a wall, with its back to it."""
     x, y = room.start(side)
     dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[side]
     return Frame(x + s * dx, y + s * dy, float(side) * np.pi / 2, fills)
 
 
 def opening(room: Room, door: Doorway, side: Side) -> tuple[float, float]:
-    """Where a doorway is along a wall, metres from its start."""
+    """The position of a doorway along a wall, metres from its start."""
     x0, y0, x1, y1 = room.box
     a, b, c, d = door.box
     return ((a - x0, c - x0), (b - y0, d - y0), (x1 - c, x1 - a), (y1 - d, y1 - b))[side]
 
 
 def doors_of(plan: FloorPlan, number: int) -> list[tuple[Doorway, Side]]:
-    """The doorways of a room, and which wall each is in."""
+    """The doorways of a room, and the wall that each is in."""
     found = []
     for door in plan.doors:
         if number == door.rooms[0]:
@@ -145,7 +145,7 @@ def _room(
 
 
 def _pieces(length: float, holes: list[Rect]) -> list[Rect]:
-    """A wall without its holes, cut at their ends."""
+    """A wall without its openings, cut at their ends."""
     edges = sorted({0.0, length, *(min(max(x, 0.0), length) for hole in holes for x in hole[:2])})
     found = []
     for a, b in itertools.pairwise(edges):
@@ -177,7 +177,7 @@ def _level(box: Rect, z: float, row: Float[ndarray, "1 24"], *, up: bool, fills:
 
 
 def _tunnel(plan: FloorPlan, door: Doorway, pale: Float[ndarray, "3"], fills: list[Point]) -> Mesh:
-    """The two cheeks, the lintel and the threshold of a doorway."""
+    """The two jambs, the lintel and the threshold of a doorway."""
     x0, y0, x1, y1 = door.box
     here = fills[door.rooms[0]]
     joined = door.height > 2.6
@@ -240,10 +240,10 @@ def _niche(room: Room, window: Window, pale: Float[ndarray, "3"], fills: Point) 
 
 
 def leaf_frame(plan: FloorPlan, door: Doorway, fills: Point) -> tuple[Frame, bool]:
-    """The frame of a leaf at its hinge, x along the leaf; and whether the leaf lies to the left of it."""
+    """The frame of a leaf at its hinge, with x along the leaf, and whether the leaf lies to its left."""
     room = plan.rooms[door.rooms[0]]
     low, high = opening(room, door, door.side_of)
-    # along the wall's own direction the high coordinate is at its end for the first two sides only
+    # in the wall's direction, only the first two sides have the high coordinate at their end
     at_end = door.hinge_high == (door.side_of in (Side.SOUTH, Side.EAST))
     wall = wall_frame(room, door.side_of, high if at_end else low, fills)
     swing = door.angle if door.leaf == "open" else 0.0

@@ -1,4 +1,4 @@
-"""Things that stand about in a town, and whether a camera is in their way."""
+"""Objects that stand in a town, and whether a camera is in their way."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 @dataclass(frozen=True)
 class Objects:
-    """Things that stand about, one row each: x, y, z, heading, seed in [0, 1)."""
+    """Objects that stand in a town, one row each: x, y, z, heading, seed in [0, 1)."""
 
     rows: Float64[ndarray, "n 5"]
 
@@ -35,7 +35,7 @@ class Objects:
         return self.rows[:, 4]
 
     def where(self, chosen: Bool[ndarray, "n"]) -> "Objects":
-        """Some of them."""
+        """A selection of the objects."""
         return Objects(self.rows[chosen])
 
 
@@ -45,7 +45,7 @@ def clear_of_cameras(
     cameras: Float64[ndarray, "c 2"] | None,
     reach: tuple[float, float],
 ) -> Bool[ndarray, "n"]:
-    """Which objects have no camera within ``reach`` metres (along and across their heading) of their middle."""
+    """Which objects have no camera within ``reach`` metres (along and across their heading) of their centre."""
     if cameras is None or not len(cameras) or not len(place):
         return np.ones(len(place), bool)
     far, near = cKDTree(cameras).query(place, k=min(16, len(cameras)), distance_upper_bound=float(np.hypot(*reach)))

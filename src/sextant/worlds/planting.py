@@ -1,4 +1,4 @@
-"""Where trees stand: along pavements, in gardens and parks, and in the country around a town."""
+"""Where trees stand: along pavements, in gardens and parks, and in the countryside around a town."""
 
 import numpy as np
 import shapely
@@ -25,10 +25,10 @@ def street_trees(ground: Ground, block: int, rng: np.random.Generator) -> list[P
 
 
 def garden_trees(lot: Polygon, density: float, rng: np.random.Generator) -> list[Planted]:
-    """Trees in the gardens of a lot, the fewer the more built-up it is; more in a park (``density`` below 0)."""
+    """Trees in the gardens of a lot: fewer where it is more built-up, more in a park (``density`` below 0)."""
     if lot.is_empty:
         return []
-    every = 110.0 if density < 0 else 130.0 + 420.0 * density  # square metres a tree
+    every = 110.0 if density < 0 else 130.0 + 420.0 * density  # square metres per tree
     left, bottom, right, top = lot.bounds
     n = int((right - left) * (top - bottom) / every)
     points = rng.uniform((left, bottom), (right, top), (n, 2))
@@ -39,7 +39,7 @@ def garden_trees(lot: Polygon, density: float, rng: np.random.Generator) -> list
 
 
 def country_trees(ground: Ground, seed: int, most: int, rng: np.random.Generator) -> list[Planted]:
-    """Woods and lone trees up to 400 m around the town."""
+    """Woods and solitary trees up to 400 m around the town."""
     left, bottom, right, top = ground.graph.bounds
     area = (right - left + 800) * (top - bottom + 800) - (right - left) * (top - bottom)
     n = int(min(area / 420, most))

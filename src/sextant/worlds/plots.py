@@ -8,10 +8,10 @@ from sextant.worlds.blocks import Ground, Side
 
 
 def plots_along(ground: Ground, block: int, density: float, rng: np.random.Generator) -> list[list[float]]:
-    """Plots along each side of a block: terraces where ``density`` is above one half, detached houses elsewhere.
+    """Plots along each side of a block: terraced houses where ``density`` is above one half, detached ones elsewhere.
 
     Returns:
-        x, y, heading, width, depth, density, and 1 or 0 for terraced, joined on the left, joined on the right.
+        x, y, heading, width, depth, density, and 1 or 0 for: terraced, joined on the left, joined on the right.
     """
     lot = ground.lots[block]
     if lot.is_empty:
@@ -48,7 +48,7 @@ def plots_along(ground: Ground, block: int, density: float, rng: np.random.Gener
 def _fitting(
     lot: Polygon, taken: list[Polygon], side: Side, s: float, width: float, back: float, depths: tuple[float, ...]
 ) -> Polygon | None:
-    """The deepest of the rectangles at ``s`` along ``side`` that lies within the lot and off what is taken."""
+    """The deepest rectangle at ``s`` along ``side`` that lies within the lot and clear of occupied ground."""
     for depth in depths:
         corners = ((s, back), (s + width, back), (s + width, back + depth), (s, back + depth))
         outline = Polygon([side.at(*corner) for corner in corners])

@@ -1,4 +1,4 @@
-"""Pictures of a world: exact rays of any camera, Embree for what they meet, compiled shading for what is seen there."""
+"""Pictures of a world: the exact rays of any camera, Embree for what they hit, compiled shading for how it looks."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,9 +16,9 @@ from sextant.worlds.scene import MISS, Scene
 from sextant.worlds.shading import kernels
 from sextant.worlds.shading.look import WET, pack, white_balance
 
-#: rays shaded at a time: bounds the memory of a large picture
+#: rays shaded at a time, which limits the memory for a large picture
 CHUNK = 1 << 17
-#: times that a ray may slip between leaves
+#: how often a ray may slip between leaves
 GAPS = 3
 #: gain that shows a white wall in the noon sun just below white
 EXPOSURE = 0.62
@@ -26,11 +26,11 @@ EXPOSURE = 0.62
 
 @dataclass(frozen=True)
 class Rays:
-    """The rays of a camera in its own frame, worked out once and used for every pose.
+    """The rays of a camera in its own frame, computed once and used for every pose.
 
     Attributes:
-        bearings: unit directions, the samples of a pixel next to each other, pixels row by row.
-        samples: rays a pixel.
+        bearings: unit directions; the samples of a pixel are adjacent, and pixels go row by row.
+        samples: rays per pixel.
         pixel: angle between neighbouring rays in radians, for the filtering of textures.
     """
 
@@ -42,7 +42,7 @@ class Rays:
 
     @classmethod
     def of(cls, bearings: Float[ndarray, "h w s 3"]) -> "Rays":
-        """Rays from unit directions given by pixel and sample."""
+        """Rays from unit directions, given for each pixel and sample."""
         height, width, samples = bearings.shape[:3]
         middle = bearings[height // 2, :, 0]
         pixel = float(np.median(np.linalg.norm(np.diff(middle, axis=0), axis=-1))) if width > 1 else 1.0
@@ -50,7 +50,7 @@ class Rays:
 
     @classmethod
     def of_camera(cls, camera: Camera, samples: int) -> "Rays":
-        """The exact rays of any camera, ``samples`` a pixel on a regular grid.
+        """The exact rays of any camera, ``samples`` per pixel on a regular grid.
 
         Raises:
             UserError: ``samples`` is not a square number from 1 to 64.
@@ -66,8 +66,8 @@ class Motion:
     """How the camera moves while the shutter is open.
 
     Attributes:
-        velocity: metres a second, world frame.
-        turn_rate: radians a second about world z.
+        velocity: metres per second, world frame.
+        turn_rate: radians per second about world z.
     """
 
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -79,12 +79,12 @@ STILL = Motion()
 
 @dataclass(frozen=True)
 class View:
-    """What a camera sees before its sensor.
+    """What a camera sees, before its sensor.
 
     Attributes:
         radiance: linear RGB.
         distance_m: along the ray of each pixel's first sample, infinite in the sky.
-        surface: row of the scene's surface table met by that ray, -1 in the sky.
+        surface: row of the scene's surface table that this ray hits, -1 in the sky.
     """
 
     radiance: Float32[ndarray, "h w 3"]
@@ -97,10 +97,10 @@ class Renderer:
 
     Args:
         scene: triangles and their surfaces.
-        lamps: lights of the night.
-        indoor: a world without sun, lit by its ceilings.
-        soft: asks by one more ray a sample how much sky each point sees: soft shade under cars and eaves, and grain
-            unless there are many samples a pixel. For pictures that people look at.
+        lamps: lights at night.
+        indoor: whether the world has no sun and is lit by its ceilings.
+        soft: cast one more ray per sample to find how much sky each point sees: soft shade under cars and eaves, but
+            grain unless there are many samples per pixel. For pictures that people look at.
     """
 
     def __init__(self, scene: Scene, lamps: Lamps | None = None, *, indoor: bool = False, soft: bool = False):
@@ -132,10 +132,10 @@ class Renderer:
         motions: Float64[ndarray, "n 4"] | None = None,
         seeds: Int64[ndarray, "n"] | None = None,
     ) -> UInt8[ndarray, "n h w 3"]:
-        """Developed pictures, 8 bits a channel. Each is the same whatever others are asked for with it.
+        """Developed pictures, 8 bits per channel. Each is the same whichever others are asked for with it.
 
         Args:
-            motions: velocity in metres a second along world x, y, z and turn in radians a second about z.
+            motions: velocity in metres per second along world x, y, z and turn rate in radians per second about z.
             seeds: of the sensor noise.
 
         Raises:
@@ -182,7 +182,7 @@ class Renderer:
         appearance: Appearance,
         motions: Float64[ndarray, "n 4"] | None,
     ) -> tuple[Float32[ndarray, "n p 3"], Int32[ndarray, "n p"]]:
-        """Radiance, and the triangle met by the first ray, of every pixel of some views."""
+        """Radiance of every pixel of some views, and the triangle hit by its first ray."""
         n, per_view, samples = len(world_from_camera), len(rays.bearings), rays.samples
         poses = np.ascontiguousarray(world_from_camera[:, :3], np.float64)
         shift = np.zeros((n, 4)) if motions is None else motions * appearance.exposure_time_s
@@ -212,7 +212,7 @@ class Renderer:
     def _meet(
         self, origins: Float32[ndarray, "r 3"], directions: Float32[ndarray, "r 3"], pixel: float
     ) -> tuple[Int32[ndarray, "r"], Float64[ndarray, "r"]]:
-        """The first thing along each ray, where foliage lets some rays through."""
+        """The first triangle along each ray; foliage lets some rays through."""
         scene = self.scene
         triangle = scene.hit(origins, directions)
         distance = np.empty(len(origins))
@@ -241,7 +241,7 @@ class Renderer:
         samples: int,
         sunny: UInt8[ndarray, "r"],
     ) -> None:
-        """Sets ``sunny`` for the rays ``at``, sparing those of a pixel on one triangle whose corners agree."""
+        """Set ``sunny`` for the rays ``at``, skipping those of a pixel on one triangle whose corners agree."""
 
         to_sun = np.empty_like(starts)
         to_sun[:] = look[:3]
@@ -266,7 +266,7 @@ class Renderer:
         *,
         grouped: bool = True,
     ) -> tuple[Float32[ndarray, "r 3"], Float32[ndarray, "r"]]:
-        """Radiance along each ray, and the share that wet ground mirrors; asks which points see the sun and the sky."""
+        """Radiance along each ray, and the share that wet ground reflects; finds the points that see sun and sky."""
         scene, n = self.scene, len(origins)
         sunny = np.zeros(n, np.uint8)
         at, starts = np.empty(n, np.int64), np.empty((n, 3), np.float32)
@@ -302,7 +302,7 @@ class Renderer:
         number: Int32[ndarray, "r"],
         samples: int,
     ) -> None:
-        """Adds what wet ground mirrors, by one more cast."""
+        """Add what wet ground reflects, by one more cast."""
         at = np.empty(len(mirror), np.int64)
         starts, ways = np.empty((len(mirror), 3), np.float32), np.empty((len(mirror), 3), np.float32)
         count = kernels.mirror_rays(origins, directions, distance, mirror, at, starts, ways)
@@ -314,7 +314,7 @@ class Renderer:
 
 
 def check_poses(scene: Scene, world_from_camera: Float64[ndarray, "n 4 4"]) -> None:
-    """Raises UserError for poses that are not finite or lie inside a solid, naming the first."""
+    """Raise a ``UserError`` for poses that are not finite or lie inside a solid; it names the first."""
     finite = np.isfinite(world_from_camera).all((1, 2))
     bad = np.flatnonzero(~finite)
     if not len(bad):

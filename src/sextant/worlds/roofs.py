@@ -1,4 +1,4 @@
-"""Roofs of buildings, one function a form."""
+"""Roofs of buildings, one function for each form."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sextant.worlds.mesh import Mesh, instances, place, quads
 from sextant.worlds.surfaces import Kind, surface_rows
 
 GRAVEL, SLATE = np.array([0.21, 0.205, 0.2]), np.array([0.09, 0.095, 0.105])
-#: how far a pitched roof reaches beyond the walls, and how thick its edge is, metres
+#: overhang of a pitched roof beyond the walls, and thickness of its edge, metres
 OVERHANG_M, EDGE_M = 0.42, 0.2
 
 Corner = Float64[ndarray, "n 3"]
@@ -21,13 +21,13 @@ Faces = list[Float64[ndarray, "n 4 3"]]
 
 @dataclass(frozen=True)
 class _Top:
-    """What roofs stand on, in frames turned so that x runs along the ridge.
+    """What roofs stand on, in frames rotated so that x runs along the ridge.
 
     Attributes:
         length, span: of the footprint, along the ridge and across it.
         height: of the walls.
         rise: of the roof above them.
-        joined: whether the roof goes on in a neighbour's at -x and at +x.
+        joined: whether the roof continues into a neighbour's at -x and at +x.
     """
 
     length: Float64[ndarray, "n"]
@@ -44,11 +44,11 @@ class _Top:
         return cls(length, span, b.size[at, 2], b.rise[at], b.attached[at] & ~across[:, None])
 
     def point(self, x: Number, y: Number, z: Number) -> Corner:
-        """A point of each."""
+        """A point on each."""
         return np.stack([np.broadcast_to(np.asarray(v, float), len(self.length)) for v in (x, y, z)], -1)
 
     def where_free(self, metres: Number) -> tuple[Float64[ndarray, "n"], Float64[ndarray, "n"]]:
-        """``metres`` at -x and at +x, but 0 where a neighbour is."""
+        """``metres`` at -x and at +x, but 0 where there is a neighbour."""
         return np.where(self.joined[:, 0], 0.0, metres), np.where(self.joined[:, 1], 0.0, metres)
 
     def outline(self, z: Number) -> tuple[Corner, Corner, Corner, Corner]:
@@ -68,7 +68,7 @@ def _roofs_of(form: int, b: Buildings, tile: Float64[ndarray, "n 3"], seed: Floa
         return Mesh.empty()
     triangles = quads(np.stack(_FACES[form](_Top.of(b, at)), 1)).reshape(len(at), -1, 3, 3)
     first, second = triangles[:, :, 1] - triangles[:, :, 0], triangles[:, :, 2] - triangles[:, :, 0]
-    solid = (np.linalg.norm(np.cross(first, second), axis=-1) > 0).any(0)  # half of a triangular end's quad is nothing
+    solid = (np.linalg.norm(np.cross(first, second), axis=-1) > 0).any(0)  # half of a triangular end's quad is empty
     heading = b.heading[at] + np.where(b.across[at], np.pi / 2, 0.0)
     level = np.zeros(len(at))
     rows = surface_rows(
@@ -88,7 +88,7 @@ def _flat(top: _Top) -> Faces:
 
 
 def _mansard(top: _Top) -> Faces:
-    """Steep slopes all round, and a shallow top with a ridge; it goes on straight where a neighbour is."""
+    """Steep slopes all round, and a shallow top with a ridge; straight ends where there is a neighbour."""
     inset = 0.32 * top.rise
     left, right = top.where_free(inset)
     x0, x1, y, z = -top.length / 2 + left, top.length / 2 - right, top.span / 2, top.height + top.rise
@@ -119,10 +119,10 @@ def _hip(top: _Top) -> Faces:
 
 
 def _pitched(top: _Top, inset: tuple[Float64[ndarray, "n"], Float64[ndarray, "n"]], *, hipped: bool) -> Faces:
-    """Two slopes, with ends that slope too if ``hipped``, their edges, and the undersides of the eaves.
+    """Two slopes, with sloping ends if ``hipped``, their edges, and the undersides of the eaves.
 
     Args:
-        inset: how far from either end of the walls the ridge ends.
+        inset: distance from either end of the walls to the end of the ridge.
     """
     x, y, h = top.length / 2, top.span / 2, top.height
     left, right = top.where_free(OVERHANG_M)

@@ -18,14 +18,14 @@ MAX_FRAMES = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Where somebody was at each frame.
+    """Where someone was at each frame.
 
     Attributes:
         times: seconds from the start.
         poses: x, y in metres and heading in radians in [-pi, pi).
-        edges: the edge of the street graph that each frame is on.
-        arc_m: metres along the ideal line through the same nodes, without wander; grows with time. Frames of two
-            traverses of the same nodes with equal ``arc_m`` are the same place, whatever their seeds and speeds.
+        edges: the edge of the street graph for each frame.
+        arc_m: metres along the ideal line through the same nodes, without wander; increases with time. Frames with
+            equal ``arc_m`` of two traverses of the same nodes are at the same place, whatever the seeds and speeds.
     """
 
     times: Float[ndarray, " n"]
@@ -53,7 +53,7 @@ class Route:
         return Route(times, np.column_stack([x, y, heading]), self.edges[moving][last], arc_m)
 
     def align(self, other: "Route") -> Int64[ndarray, " n"]:
-        """For each frame of this route the frame of ``other`` that is nearest along the street.
+        """For each frame of this route, the frame of ``other`` nearest along the street.
 
         Both must be traverses of the same nodes. Where ``other`` stands still, its first frame there is taken.
         """
@@ -63,16 +63,17 @@ class Route:
 
 @dataclass(frozen=True)
 class Gait:
-    """How somebody moves.
+    """How someone moves.
 
     Attributes:
         speed_mps: on a straight street.
         acceleration_mps2, braking_mps2: along the line.
-        sideways_mps2: at most so much in a turn: ``speed² × curvature``.
-        stop_probability: at each junction; the wait is 1 to 6 seconds, uniform.
+        sideways_mps2: largest ``speed² × curvature`` in a turn.
+        stop_probability: at each junction; the wait is uniform, 1 to 6 seconds.
         lateral_sigma_m, lateral_length_m: offset from the ideal line, smooth: variance σ², correlation
             ``(1 + s/ℓ) exp(-s/ℓ)`` over s metres (an Ornstein-Uhlenbeck process passed through another).
-        heading_sigma_rad, heading_length_m: of the gaze against the direction of travel, an Ornstein-Uhlenbeck process.
+        heading_sigma_rad, heading_length_m: of the gaze relative to the direction of travel, an Ornstein-Uhlenbeck
+            process.
     """
 
     speed_mps: float
@@ -95,11 +96,11 @@ def drive(
 ) -> Route:
     """A drive through ``nodes`` in the right-hand lane, a quarter of the carriageway from its centre.
 
-    Speed starts and ends at 0 and is the highest that keeps to the limits of ``gait``. The seed sets wander and stops;
-    the ideal line is that of the nodes alone.
+    Speed starts and ends at 0 and is the highest within the limits of ``gait``. The seed determines wander and stops;
+    the ideal line depends on the nodes alone.
 
     Raises:
-        UserError: the nodes are no route (see `check_nodes`), or the frame rate is not in (0, 1000] Hz.
+        UserError: the nodes do not form a route (see `check_nodes`), or the frame rate is not in (0, 1000] Hz.
     """
     return _traverse(lane_path(graph, nodes, share=0.25), seed, frame_rate_hz, gait)
 
@@ -107,9 +108,9 @@ def drive(
 def walk(
     graph: StreetGraph, nodes: Sequence[int], *, seed: int, frame_rate_hz: float = 5.0, gait: Gait = WALKER
 ) -> Route:
-    """A walk through ``nodes`` on the right-hand pavement, otherwise as `drive`.
+    """A walk through ``nodes`` on the right-hand pavement; otherwise as `drive`.
 
-    It leads 2.1 m beside the carriageway, which is 1.2 m from parked cars.
+    It is 2.1 m from the carriageway and 1.2 m from parked cars.
     """
     return _traverse(lane_path(graph, nodes, share=0.5, beyond_m=2.1, radius_m=1.5), seed, frame_rate_hz, gait)
 
@@ -148,7 +149,7 @@ def _arc_at(
 
 
 def speed_profile(path: LanePath, stops: Int64[ndarray, " k"], gait: Gait) -> Float[ndarray, " n"]:
-    """The highest speed at each sample that keeps to the limits, 0 at both ends and at ``stops``.
+    """The highest speed at each sample within the limits, 0 at both ends and at ``stops``.
 
     ``v² <= cap_j + 2 a |s - s_j|`` for every sample j, with a the acceleration behind j and the braking ahead of it.
     """
@@ -161,7 +162,7 @@ def speed_profile(path: LanePath, stops: Int64[ndarray, " k"], gait: Gait) -> Fl
 
 
 def _wandering(path: LanePath, rng: np.random.Generator, gait: Gait) -> Float[ndarray, "n 3"]:
-    """The line with lateral offset, and a heading that follows it and looks about."""
+    """The line with lateral offset, and a heading that follows it and looks around."""
     at, step = _even(path.arc_m)
     lateral = _smooth_noise(len(at), step / gait.lateral_length_m, rng) * gait.lateral_sigma_m
     gaze = _ornstein_uhlenbeck(len(at), step / gait.heading_length_m, rng) * gait.heading_sigma_rad

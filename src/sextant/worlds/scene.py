@@ -1,4 +1,4 @@
-"""A mesh that rays can be cast at: Embree finds the triangle, plane arithmetic in float64 finds the exact distance."""
+"""A mesh to cast rays at: Embree finds the triangle, plane arithmetic in float64 the exact distance."""
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -9,9 +9,9 @@ from numpy import ndarray
 from sextant.worlds.mesh import Mesh
 from sextant.worlds.surfaces import KIND, Kind
 
-#: number that Embree gives where a ray hits nothing
+#: the number that Embree returns where a ray hits nothing
 MISS = -1
-#: most rays handed to Embree at a time by the functions below: bounds their memory
+#: the largest number of rays that the functions below give to Embree at a time, which limits their memory
 CHUNK = 1 << 20
 FOLIAGE = (Kind.LEAVES, Kind.CONIFER)
 
@@ -25,13 +25,13 @@ class Scene:
 
     Args:
         mesh: the triangles.
-        watertight: no ray slips between two triangles that share an edge; a third slower. Without it some four rays in
-            a million do, at the edges of distant triangles.
+        watertight: no ray slips between two triangles that share an edge; a third slower. Without it about four rays
+            in a million do, at the edges of distant triangles.
 
     Attributes:
         normals: unit outward normals of the triangles.
         offsets: ``c = n . v0`` of each plane.
-        surface: row of the surface table, a triangle.
+        surface: row of the surface table for each triangle.
         surfaces: the surface table.
     """
 
@@ -39,7 +39,7 @@ class Scene:
         corners = mesh.triangles.astype(np.float64)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
-        solid = lengths > 1e-12  # slivers of no area cannot be hit
+        solid = lengths > 1e-12  # slivers without area cannot be hit
         self.normals: Float64[ndarray, "t 3"] = normals[solid] / lengths[solid, None]
         self.offsets: Float64[ndarray, "t"] = np.einsum("ij,ij->i", self.normals, corners[solid, 0])
         self.surface: Int32[ndarray, "t"] = np.ascontiguousarray(mesh.surface[solid])
@@ -60,7 +60,7 @@ class Scene:
         return self._embree.run(_single(origins), _single(directions), query="INTERSECT")  # type: ignore[no-any-return]
 
     def blocked(self, origins: Float[ndarray, "r 3"], directions: Float[ndarray, "r 3"]) -> Int32[ndarray, "r"]:
-        """Zero or more where anything lies along the ray, ``MISS`` where nothing does."""
+        """Zero or more where something lies along the ray, ``MISS`` where nothing does."""
         return self._embree.run(_single(origins), _single(directions), query="OCCLUDED")  # type: ignore[no-any-return]
 
     def distance(self, origins: Float64[ndarray, "r 3"], directions: Float64[ndarray, "r 3"]) -> Float64[ndarray, "r"]:

@@ -1,4 +1,4 @@
-"""Side streets for a street graph in the making; see `street_repair` for its form."""
+"""Side streets for a street graph under construction; see `street_repair` for its form."""
 
 import networkx as nx
 import numpy as np
@@ -57,7 +57,7 @@ def _add_side_street(
 
 
 def _has_room(town: nx.Graph, a: int, b: int, clearance_m: float = 30.0, angle_rad: float = np.pi / 3) -> bool:
-    """Whether the edge from a to b is long enough, keeps clear of streets elsewhere and parts at wide angles."""
+    """Whether the edge from a to b is long enough, clear of other streets, and branches off at wide angles."""
     line = segment(town, a, b)
     if line.length < MIN_EDGE_M + 5:
         return False

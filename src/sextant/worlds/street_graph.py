@@ -14,9 +14,9 @@ from numpy import ndarray
 class StreetGraph:
     """Streets of a town in a plane with x to the east and y to the north, in metres.
 
-    Every edge is a straight piece of street; a street that bends has a node with two edges at each bend. Layouts of
-    this package are plane (edges meet at nodes only), connected, and free of edges under some 25 m and of angles
-    under 40 degrees.
+    Every edge is a straight piece of street; at each bend of a street there is a node with two edges. Layouts of this
+    package are plane (edges meet only at nodes), connected, and have no edges under about 25 m and no angles under 40
+    degrees.
 
     Attributes:
         nodes: positions in metres.
@@ -24,7 +24,7 @@ class StreetGraph:
         widths: of the carriageway in metres, both lanes together, without pavements.
 
     Raises:
-        ValueError: an edge names a node that there is not, joins a node to itself or occurs twice; a width is not
+        ValueError: an edge names a node that does not exist, joins a node to itself or occurs twice; a width is not
             positive; a coordinate is not finite; there is no edge.
     """
 
@@ -56,9 +56,9 @@ class StreetGraph:
 
     @property
     def block_m(self) -> float:
-        """Side of a typical block in metres: ``min(2 A / L, median edge)``, A the hull's area and L `length_m`.
+        """Side of a typical block in metres: ``min(2 A / L, median edge)``, with A the hull's area and L `length_m`.
 
-        On an endless square grid of spacing s there are L = 2 A / s metres of street, so both terms are s; on finite
+        On an infinite square grid of spacing s there are L = 2 A / s metres of street, so both terms are s; on finite
         and on sparse graphs the smaller term keeps `area_km2` from claiming land that no street opens up.
         """
         hull = shapely.MultiPoint(self.nodes).convex_hull.area
@@ -77,7 +77,7 @@ class StreetGraph:
 
     @cached_property
     def neighbours(self) -> tuple[tuple[int, ...], ...]:
-        """For each node the nodes that an edge joins to it, counter-clockwise by heading, the first from -pi on."""
+        """For each node, the nodes joined to it by an edge, counter-clockwise by heading, starting from -pi."""
         found: list[list[int]] = [[] for _ in self.nodes]
         for a, b in self.edges.tolist():
             found[a].append(b)

@@ -1,9 +1,9 @@
-"""Layouts of towns that never were: a grid of streets, and an older town that grew.
+"""Layouts of invented towns: a grid of streets, and an older town that grew.
 
-Both are a rectangular net whose corners are moved and from which streets are left out. Corners are moved only as far as
-every block stays convex with angles of 40 to 140 degrees and every street at least 25 m long (0.6 of the spacing on a
-finer net), which makes the graph plane by construction; streets are left out only where all junctions stay connected
-and none becomes a dead end.
+Both are a rectangular net whose corners are moved and some of whose streets are left out. Corners are moved only so far
+that every block stays convex with angles of 40 to 140 degrees and every street at least 25 m long (0.6 of the spacing
+on a finer net), which makes the graph plane by construction; streets are left out only where all junctions stay
+connected and none becomes a dead end.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from sextant.worlds.street_graph import StreetGraph
 
 STREET_WIDTH_M = 8.0
 AVENUE_WIDTH_M = 12.0
-#: Every so many blocks an avenue.
+#: Number of blocks from one avenue to the next.
 AVENUE_EVERY = 5
 MIN_ANGLE_RAD = np.deg2rad(40.0)
 MIN_EDGE_M = 25.0
@@ -29,7 +29,7 @@ MAX_JUNCTIONS = 100_000
 def grid_streets(columns: int, rows: int, spacing_m: float, seed: int = 0, jitter_m: float = 0.0) -> StreetGraph:
     """Streets along a grid of ``columns × rows`` blocks, each corner moved by up to ``jitter_m`` in x and in y.
 
-    Every fifth street is an avenue of 12 m, the others are 8 m wide. The south-west corner is the origin. Node
+    Every fifth street is an avenue 12 m wide; the others are 8 m wide. The south-west corner is the origin. Node
     ``j (columns + 1) + i`` is column ``i`` of row ``j``.
 
     Raises:
@@ -94,7 +94,7 @@ def _corners(columns: int, rows: int) -> Float[ndarray, "rows columns 2"]:
 
 
 def _net(columns: int, rows: int) -> tuple[Int64[ndarray, "e 2"], Float[ndarray, " e"]]:
-    """Edges of the net and their widths; streets that bound the town are no avenues."""
+    """Edges of the net and their widths; streets on the boundary of the town are not avenues."""
     number = np.arange((rows + 1) * (columns + 1), dtype=np.int64).reshape(rows + 1, columns + 1)
     along_x = np.stack([number[:, :-1], number[:, 1:]], axis=-1)  # (rows + 1, columns, 2)
     along_y = np.stack([number[:-1], number[1:]], axis=-1)  # (rows, columns + 1, 2)
@@ -108,7 +108,7 @@ def _net(columns: int, rows: int) -> tuple[Int64[ndarray, "e 2"], Float[ndarray,
 def _bend(
     corners: Float[ndarray, "rows columns 2"], rng: np.random.Generator, waves: int = 8
 ) -> Float[ndarray, "rows columns 2"]:
-    """A smooth random displacement in blocks: a sum of plane waves, amplitude a share of their length."""
+    """A smooth random displacement in blocks: a sum of plane waves, with amplitudes proportional to their lengths."""
     length = rng.uniform(5.0, 16.0, waves)
     direction = rng.uniform(0, 2 * np.pi, waves)
     wave = 2 * np.pi / length * np.stack([np.cos(direction), np.sin(direction)])  # (2, waves)
@@ -117,7 +117,7 @@ def _bend(
 
 
 def _inwards(move: Float[ndarray, "rows columns 2"]) -> Float[ndarray, "rows columns 2"]:
-    """The moves in blocks, with those of the border turned inwards and shorter than half a block."""
+    """The moves in blocks; those at the border are turned inwards and kept below half a block."""
     turned, inwards = move.copy(), np.minimum(np.abs(move), 0.45)
     turned[:, 0, 0], turned[:, -1, 0] = inwards[:, 0, 0], -inwards[:, -1, 0]
     turned[0, :, 1], turned[-1, :, 1] = inwards[0, :, 1], -inwards[-1, :, 1]
@@ -135,11 +135,11 @@ def _settle(
             return np.asarray(regular + move)
         padded = np.pad(bad, 1)
         move[padded[:-1, :-1] | padded[1:, :-1] | padded[:-1, 1:] | padded[1:, 1:]] *= 0.5
-    return np.asarray(regular)  # not reached: the moves have shrunk by 2**-64
+    return np.asarray(regular)  # not reached: the moves have shrunk by a factor of 2**-64
 
 
 def _offending(corners: Float[ndarray, "rows columns 2"], min_edge_m: float) -> Bool[ndarray, "rows-1 columns-1"]:
-    """Blocks with an angle outside 40..140 degrees (so also those not convex) or a side that is too short."""
+    """Blocks with an angle outside 40 to 140 degrees (so all that are not convex) or a side that is too short."""
     loop = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)  # (r, c, 4, 2)
     ahead = np.roll(loop, -1, axis=2) - loop
     behind = np.roll(loop, 1, axis=2) - loop
@@ -152,7 +152,7 @@ def _offending(corners: Float[ndarray, "rows columns 2"], min_edge_m: float) -> 
 def _left_after_dropping(
     edges: Int64[ndarray, "e 2"], nodes: int, share: float, may_go: Bool[ndarray, " e"], rng: np.random.Generator
 ) -> Bool[ndarray, " e"]:
-    """Which edges stay when ``share`` of them is dropped at random, a random spanning tree and degree 2 being kept."""
+    """Which edges remain when ``share`` of them is dropped at random, keeping a random spanning tree and degree 2."""
     weight = coo_array((rng.uniform(1, 2, len(edges)), (edges[:, 0], edges[:, 1])), shape=(nodes, nodes))
     tree = minimum_spanning_tree(weight.tocsr()).tocoo()
     in_tree = set(zip(tree.row.tolist(), tree.col.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Cars, people, lamps, signs and fences: templates placed many at a time."""
+"""Cars, people, lamps, signs and fences: templates, placed many at a time."""
 
 from functools import lru_cache, partial
 from itertools import pairwise
@@ -18,7 +18,7 @@ CLOTHES = palette("#2b2f3a", "#6b1f25", "#3a5a40", "#c9b79c", "#1f3a5f", "#8a8a8
 SIGN_COLOURS = palette("#a01818", "#b32020", "#1c3f87")
 #: round, triangular and board: corners, radius in metres, turn of the first corner, height by width
 _SIGNS = ((16, 0.32, 0.0, 1.0), (3, 0.42, np.pi / 2, 1.0), (4, 0.5, np.pi / 4, 0.55))
-#: length, width, height in metres; where the cabin begins and ends along the car, at the waist and at the roof
+#: length, width, height in metres; where the cabin starts and ends along the car, at the waist and at the roof
 _CARS = (
     ((4.5, 1.78, 1.45), (-0.40, 0.22), (-0.25, 0.06)),
     ((4.1, 1.76, 1.50), (-0.47, 0.20), (-0.38, 0.05)),
@@ -30,7 +30,7 @@ LAMP_HEIGHT_M, LAMP_REACH_M = 5.6, 1.1
 
 
 def _ring(z: float, back: float, front: float, half: float, bevel: float, *, fine: bool) -> Float64[ndarray, "k 3"]:
-    """A level outline from ``back`` to ``front``, ``half`` wide to each side, its corners cut by ``bevel`` if fine."""
+    """A level outline from ``back`` to ``front``, ``half`` wide on each side, with corners cut by ``bevel`` if fine."""
     if not fine:
         return np.array([(back, -half, z), (front, -half, z), (front, half, z), (back, half, z)])
     outline = [
@@ -72,7 +72,7 @@ def _car(form: int, fine: bool) -> Float64[ndarray, "t 3 3"]:
 
 
 def _loft(rings: list[Float64[ndarray, "k 3"]]) -> Float64[ndarray, "t 3 3"]:
-    """Walls between rings and a cap on the last."""
+    """Walls between rings, and a cap on the last."""
     faces = [
         quads(np.stack([a, np.roll(a, -1, 0), np.roll(b, -1, 0), b], 1)).reshape(-1, 3, 3) for a, b in pairwise(rings)
     ]
@@ -89,7 +89,7 @@ def car_mesh(
     fine: bool,
     moving: bool = False,
 ) -> Mesh:
-    """Cars standing at ``position`` (on the road), facing ``heading``; ``moving`` ones have their lights on."""
+    """Cars at ``position`` (on the road), facing ``heading``; ``moving`` ones have their lights on."""
     parts = []
     form = np.minimum((seed * 17 % 1 * 4.6).astype(int), _VAN)
     for k, ((length, width, height), _, _) in enumerate(_CARS):
@@ -110,7 +110,7 @@ def car_mesh(
 
 @lru_cache(maxsize=4)
 def _person(step: int) -> Float64[ndarray, "t 3 3"]:
-    """Somebody of 1.76 m: standing (0), in a small step (1) or a long one (2)."""
+    """A person of 1.76 m: standing (0), taking a short step (1) or a long one (2)."""
 
     def ring(z: float, rx: float, ry: float, x: float = 0.0) -> Float64[ndarray, "6 3"]:
         a = 2 * np.pi * np.arange(6) / 6
@@ -128,7 +128,7 @@ def _person(step: int) -> Float64[ndarray, "t 3 3"]:
 
 
 def person_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"], seed: Float64[ndarray, "n"]) -> Mesh:
-    """People on their feet at ``position``, standing or in mid-step."""
+    """People at ``position``, standing or in mid-step."""
     parts = []
     step = (seed * 13 % 1 * 3).astype(int)
     for k in range(3):
@@ -166,7 +166,7 @@ def lamp_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"],
 
 
 def lamp_lights(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"]) -> Float64[ndarray, "n 3"]:
-    """Where the light of each lamp comes from."""
+    """The position of each lamp's light."""
     return place_offset(position, heading, np.array([LAMP_REACH_M, 0.0, LAMP_HEIGHT_M]))
 
 
@@ -199,7 +199,7 @@ def sign_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"],
 
 
 def bench_mesh(position: Float64[ndarray, "n 3"], heading: Float64[ndarray, "n"]) -> Mesh:
-    """Benches whose sitters look along ``heading``."""
+    """Benches facing ``heading``."""
     if not len(position):
         return Mesh.empty()
     wood = surface_rows(

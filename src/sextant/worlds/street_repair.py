@@ -1,4 +1,4 @@
-"""Repairs of a street graph in the making, a networkx graph whose nodes carry ``at`` and whose edges carry ``passes``.
+"""Repairs of a street graph under construction: a networkx graph with ``at`` of nodes and ``passes`` of edges.
 
 ``at`` is a position in metres, ``passes`` how often an edge was driven.
 """
@@ -17,7 +17,7 @@ REPAIRS = 200
 
 
 def join(town: nx.Graph, a: int, b: int, passes: int) -> None:
-    """Add an edge, or passes to the one that is there."""
+    """Add an edge, or its passes to the edge that exists."""
     if a != b:
         town.add_edge(a, b, passes=passes + (town[a][b]["passes"] if town.has_edge(a, b) else 0))
 
@@ -33,7 +33,7 @@ def edge_length(town: nx.Graph, a: int, b: int) -> float:
 
 
 def repair(town: nx.Graph) -> None:
-    """Step 3: one repair at a time, the gravest kind first."""
+    """Step 3: one repair at a time, the most serious kind first."""
     for _ in range(REPAIRS):
         if not (_merge_short(town) or _split_crossing(town) or _split_near(town) or _zip_sharp(town)):
             return
@@ -44,7 +44,7 @@ def _merge_short(town: nx.Graph) -> bool:
     length, a, b = min((edge_length(town, a, b), a, b) for a, b in town.edges)
     if length >= MIN_EDGE_M or town.number_of_edges() == 1:
         return False
-    fixed = [node for node in (a, b) if town.degree(node) != 2] or [a, b]  # the place of a junction beats a bend's
+    fixed = [node for node in (a, b) if town.degree(node) != 2] or [a, b]  # a junction's position beats a bend's
     town.nodes[a]["at"] = np.mean([town.nodes[node]["at"] for node in fixed], axis=0)
     _replace(town, b, a)
     return True
@@ -57,7 +57,7 @@ def _replace(town: nx.Graph, old: int, new: int) -> None:
 
 
 def _crossings(town: nx.Graph) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Pairs of edges that meet though they share no node."""
+    """Pairs of edges that meet although they share no node."""
     edges = sorted(tuple(sorted(edge)) for edge in town.edges)
     lines = [segment(town, *edge) for edge in edges]
     for i, j in np.sort(shapely.STRtree(lines).query(lines, predicate="intersects").T, axis=1):
@@ -78,7 +78,7 @@ def _split_crossing(town: nx.Graph) -> bool:
 
 
 def split_edge(town: nx.Graph, edge: tuple[int, int], node: int) -> None:
-    """Lead an edge through a node."""
+    """Route an edge through a node."""
     passes = town.edges[edge]["passes"]
     town.remove_edge(*edge)
     for end in edge:
@@ -86,7 +86,7 @@ def split_edge(town: nx.Graph, edge: tuple[int, int], node: int) -> None:
 
 
 def _split_near(town: nx.Graph, clearance_m: float = 15.0) -> bool:
-    """Lead a street through the first node that it passes by too closely."""
+    """Route a street through the first node that it passes too closely."""
     edges = sorted(tuple(sorted(edge)) for edge in town.edges)
     nodes = sorted(town)
     lines = [segment(town, *edge) for edge in edges]
@@ -105,7 +105,7 @@ def angle(town: nx.Graph, node: int, a: int, b: int) -> float:
 
 
 def sharp_corners(town: nx.Graph) -> Iterator[tuple[int, int, int]]:
-    """A node and its two neighbours, the nearer first, where the edges to them part at under 40 degrees."""
+    """A node and its two neighbours, the nearer first, where the edges to them diverge by under 40 degrees."""
     for node in sorted(town):
         for a, b in combinations(sorted(town[node]), 2):
             if angle(town, node, a, b) < MIN_ANGLE_RAD:
@@ -113,7 +113,7 @@ def sharp_corners(town: nx.Graph) -> Iterator[tuple[int, int, int]]:
 
 
 def _zip_sharp(town: nx.Graph) -> bool:
-    """Let the longer of two edges start where the shorter one ends."""
+    """Make the longer of two edges start where the shorter one ends."""
     for node, near, far in sharp_corners(town):
         passes = town[node][far]["passes"]
         town.remove_edge(node, far)
@@ -124,7 +124,7 @@ def _zip_sharp(town: nx.Graph) -> bool:
 
 
 def prune(town: nx.Graph) -> None:
-    """Drop what still offends, and all but the largest connected part."""
+    """Drop what still violates the rules, and all but the largest connected part."""
     for edge in [edge for edge in town.edges if edge_length(town, *edge) < MIN_EDGE_M - 1e-9]:
         town.remove_edge(*edge)
     while found := next(_crossings(town), None):
@@ -137,7 +137,7 @@ def prune(town: nx.Graph) -> None:
 
 
 def straighten(town: nx.Graph, tolerance_m: float = 2.0, longest_m: float = 80.0) -> None:
-    """Step 4: take out bends that lie on the line between their neighbours."""
+    """Step 4: remove bends that lie on the line between their neighbours."""
     for node in sorted(town):
         if town.degree(node) != 2:
             continue

@@ -1,8 +1,8 @@
 """What a triangle is made of: rows of a table that the shading kernels read.
 
-A mesh stores one row number a triangle. A row names the kind of surface, its two colours (linear RGB), the frame that
-its texture lives in (an origin, and the heading of the horizontal texture axis), and up to eleven numbers that only
-this kind understands. Textures are functions of position in that frame: nothing is stored as an image.
+A mesh stores one row number per triangle. A row gives the kind of surface, its two colours (linear RGB), the frame of
+its texture (an origin, and the heading of the horizontal texture axis), and up to eleven numbers that only this kind
+uses. Textures are functions of position in that frame: nothing is stored as an image.
 """
 
 from enum import IntEnum
@@ -57,7 +57,7 @@ def linear(colour: str) -> tuple[float, float, float]:
 
 
 def palette(*colours: str) -> Float[ndarray, "n 3"]:
-    """Linear RGB of several sRGB colours, one a row."""
+    """Linear RGB of several sRGB colours, one per row."""
     return np.array([linear(colour) for colour in colours])
 
 
@@ -72,12 +72,12 @@ def surface_rows(
     heading: object = 0.0,
     parameters: tuple[object, ...] = (),
 ) -> Float32[ndarray, "count 24"]:
-    """Rows of the surface table; every argument is one value for all rows or one a row.
+    """Rows of the surface table; every argument is one value for all rows, or one per row.
 
     Args:
         seed: a number in [0, 1) that varies the texture.
         colour, second: linear RGB, ``(3,)`` or ``(count, 3)``.
-        origin: where the texture frame begins, metres, ``(3,)`` or ``(count, 3)``.
+        origin: origin of the texture frame, metres, ``(3,)`` or ``(count, 3)``.
         heading: direction of the texture's horizontal axis, radians counter-clockwise from world x.
         parameters: the kind's own numbers, each a scalar or ``(count,)``.
     """

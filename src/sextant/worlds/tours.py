@@ -1,4 +1,4 @@
-"""Which way to go: sequences of nodes through a street graph."""
+"""Ways through a town: sequences of nodes of a street graph."""
 
 import heapq
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ def check_nodes(graph: StreetGraph, nodes: Sequence[int]) -> list[int]:
     """The edges along a sequence of nodes.
 
     Raises:
-        UserError: fewer than two nodes, a node that the graph has not, or two successive nodes that no edge joins.
+        UserError: fewer than two nodes, a node that is not in the graph, or two successive nodes without an edge.
     """
     if len(nodes) < 2:
         raise UserError(
@@ -34,13 +34,13 @@ def check_nodes(graph: StreetGraph, nodes: Sequence[int]) -> list[int]:
 
 
 def random_walk(graph: StreetGraph, length_m: float, seed: int, start: int | None = None) -> list[int]:
-    """Nodes of a random walk of at least ``length_m`` metres that turns round in dead ends only.
+    """Nodes of a random walk of at least ``length_m`` metres that turns round only in dead ends.
 
-    At every node it takes the street driven least so far, at random among equals, so that it spreads over the town.
+    At every node it takes the street driven least often so far, at random among equals, and so spreads over the town.
 
     Raises:
-        UserError: ``length_m`` is not positive and finite or would take more than a million nodes; ``start`` is no node
-            of the graph or no street leads from it.
+        UserError: ``length_m`` is not positive and finite or would take more than a million nodes; ``start`` is not
+            a node of the graph, or no street leads from it.
     """
     if not 0 < length_m < 1e6 * float(np.mean(graph.lengths)):
         limit = 1e6 * float(np.mean(graph.lengths))
@@ -60,14 +60,14 @@ def random_walk(graph: StreetGraph, length_m: float, seed: int, start: int | Non
 
 
 def coverage_tour(graph: StreetGraph, start: int = 0) -> list[int]:
-    """Nodes of a tour that takes every street at least once, in either direction, and turns round in dead ends only.
+    """Nodes of a tour that takes every street at least once, in either direction, and turns round only in dead ends.
 
-    Greedy: go on along the street not taken yet that turns least; where there is none, along the shortest way without
-    turning round to the nearest street not taken. On town layouts the tour is some 1.2 to 1.5 times as long as the
-    streets. From a node not joined to all streets, the tour covers those that can be reached.
+    Greedy: continue along the street not taken yet that turns least; where there is none, take the shortest way to the
+    nearest such street without turning round. On town layouts the tour is about 1.2 to 1.5 times as long as the streets.
+    From a node that is not connected to all streets, the tour covers those that can be reached.
 
     Raises:
-        UserError: ``start`` is no node of the graph, or no street leads from it.
+        UserError: ``start`` is not a node of the graph, or no street leads from it.
     """
     nodes = [_check_node(graph, start)]
     fresh = set(range(len(graph.edges)))
@@ -89,14 +89,14 @@ def _check_node(graph: StreetGraph, node: int) -> int:
 
 
 def _onward(graph: StreetGraph, behind: int | None, node: int) -> list[int]:
-    """Where one can go from a node without turning round, or back where there is no other way."""
+    """Where one can go from a node without turning round, or back if there is no other way."""
     return [other for other in graph.neighbours[node] if other != behind] or list(graph.neighbours[node])
 
 
 def _way_to_fresh(graph: StreetGraph, behind: int | None, node: int, fresh: set[int]) -> list[int]:
-    """Nodes after ``node`` up to the end of the nearest street in ``fresh``; none where none can be reached.
+    """Nodes after ``node`` up to the end of the nearest street in ``fresh``; none if none can be reached.
 
-    Dijkstra over directed edges; among streets that start at the same distance the one straightest ahead comes first.
+    Dijkstra's algorithm over directed edges; of streets that start at the same distance, the straightest comes first.
     """
     if not fresh:
         return []

@@ -1,4 +1,4 @@
-"""A procedural town: what stands where, from a street graph and a seed, and its triangles under an appearance."""
+"""A procedural town: what stands where, from a street graph and a seed, and its triangles in an appearance."""
 
 from functools import cached_property
 
@@ -25,7 +25,7 @@ from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.surfaces import KIND, Kind, palette, surface_rows
 from sextant.worlds.trees import Trees, tree_mesh
 
-#: leaves a tree, and most trees in the country
+#: leaves per tree, and the largest number of trees in the countryside
 LEAVES, COUNTRY_TREES = {"fine": 1300, "coarse": 70}, {"fine": 5000, "coarse": 9000}
 #: of gardens
 HEDGE_GREEN, FENCE_COLOURS = palette("#4d6b2f"), palette("#b9ab8f", "#6b4a32", "#d8d4c8")
@@ -36,10 +36,10 @@ class Town:
 
     Args:
         graph: its streets.
-        seed: what is built along them.
-        detail: ``fine`` for pictures (trees of 1300 leaves), ``coarse`` for whole cities.
-        density: how built-up the middle is, 0 a village to 1 a city centre.
-        keep_clear: places (x, y) of cameras: no car, person, trunk, post, hedge or fence stands within a step of them.
+        seed: determines what is built along them.
+        detail: ``fine`` for pictures (trees with 1300 leaves), ``coarse`` for whole cities.
+        density: how built-up the centre is, from 0 for a village to 1 for a city centre.
+        keep_clear: positions (x, y) of cameras: no car, person, trunk, post, hedge or fence is within a step of them.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Town:
 
     @cached_property
     def districts(self) -> Float64[ndarray, "b"]:
-        """How built-up each block is, 0 to 1: smooth noise, higher towards the middle; -1 marks a park."""
+        """How built-up each block is, 0 to 1: smooth noise, higher towards the centre; -1 marks a park."""
         rng = np.random.default_rng([self.seed, 1])
         left, bottom, right, top = self.graph.bounds
         middle_x, middle_y = (left + right) / 2, (bottom + top) / 2
@@ -115,7 +115,7 @@ class Town:
         heading: Float64[ndarray, "n"] | None = None,
         reach: Float64[ndarray, "n"] | float = 0.0,
     ) -> Bool[ndarray, "n"]:
-        """Which things keep a distance from every camera; those that are long reach to both sides along ``heading``."""
+        """Which objects keep a distance from every camera; long ones extend both ways along ``heading``."""
         apart = np.ones(len(points), bool)
         if self._cameras is None or not len(points):
             return apart
@@ -128,7 +128,7 @@ class Town:
 
     @cached_property
     def trees(self) -> Trees:
-        """Trees along pavements, in gardens, parks and the country."""
+        """Trees along pavements, in gardens and parks, and in the countryside."""
         rng = np.random.default_rng([self.seed, 3])
         rows = []
         for block, density in enumerate(self.districts):
@@ -146,7 +146,7 @@ class Town:
 
     @cached_property
     def lamps(self) -> Objects:
-        """Street lamps by the kerb, reaching over the road."""
+        """Street lamps by the kerb, with arms over the road."""
         rng = np.random.default_rng([self.seed, 4])
         lamps = Objects.of([
             (*side.at(s, 0.0), KERB_M, side.heading - np.pi / 2, rng.random())
@@ -158,7 +158,7 @@ class Town:
 
     @cached_property
     def signs(self) -> Objects:
-        """Traffic signs near corners, facing those who drive on the right."""
+        """Traffic signs near corners, facing traffic that drives on the right."""
         rng = np.random.default_rng([self.seed, 5])
         signs = Objects.of([
             (*side.at(side.length - rng.uniform(4, 8), 0.0), KERB_M, side.heading + np.pi, rng.random())
@@ -211,7 +211,7 @@ class Town:
 
     @cached_property
     def parking(self) -> Objects:
-        """Places where a car may stand, half on the pavement; the seed tells who is there."""
+        """Parking places, half on the pavement; the seed determines which car is there."""
         rng = np.random.default_rng([self.seed, 8])
         rows = []
         for block in range(len(self.ground.blocks)):
@@ -229,7 +229,7 @@ class Town:
     # -- appearance ----------------------------------------------------------------------------------------------------
 
     def mesh(self, appearance: Appearance, clear_of: Float64[ndarray, "c 2"] | None = None) -> Mesh:
-        """All triangles of the town as ``appearance`` leaves it.
+        """All triangles of the town in an appearance.
 
         No car or person stands where a camera of ``clear_of`` (x, y) is.
         """
@@ -252,7 +252,7 @@ class Town:
         ])  # fmt: skip
 
     def _parked(self, a: Appearance) -> Objects:
-        """Parked cars: six places in ten are taken; a share ``cars_moved`` of the places is drawn anew."""
+        """Parked cars: six places in ten are taken; a share ``cars_moved`` of the places is redrawn."""
         places = self.parking
         rng = np.random.default_rng([self.seed, 51, a.change_seed])
         again = rng.random(len(places.rows)) < a.cars_moved
@@ -290,7 +290,7 @@ class Town:
     def renderer(
         self, appearance: Appearance, *, clear_of: Float64[ndarray, "c 2"] | None = None, soft: bool = False
     ) -> Renderer:
-        """A renderer of the town as ``appearance`` leaves it; appearances of equal ``structure`` may share it."""
+        """A renderer of the town in an appearance; appearances of equal ``structure`` may share it."""
         scene = Scene(self.mesh(appearance, clear_of), watertight=self.detail == "fine")
         lights = objects.lamp_lights(self.lamps.position, self.lamps.heading)
         return Renderer(scene, Lamps.at(lights), soft=soft)

@@ -1,4 +1,4 @@
-"""A street graph from a trajectory that was really driven."""
+"""A street graph from a real trajectory."""
 
 from itertools import pairwise
 
@@ -14,33 +14,33 @@ from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.street_layouts import AVENUE_WIDTH_M, STREET_WIDTH_M, check_range
 from sextant.worlds.street_repair import join, prune, repair, straighten
 
-#: Passes closer than this to a street already there follow it: no house would fit between them.
+#: Passes closer than this to an existing street follow it: no house would fit between them.
 MERGE_M = 25.0
 
 
 def traced_streets(
     positions: Float[ndarray, "n 2"], *, seed: int = 0, side_streets: float = 0.5, reach_m: float = 220.0
 ) -> StreetGraph:
-    """Streets under a trajectory: one centre line for all passes through a street, junctions where it meets itself.
+    """Streets along a trajectory: one centre line for all passes through a street, junctions where it meets itself.
 
-    1. Anchors are set along the trajectory, one wherever no anchor is within 25 m; every position belongs to its
-       nearest anchor, and anchors visited one after the other are joined. So a street driven twice, in either direction
-       and lane, is one street, and every edge is some 25 m or longer.
+    1. Anchors are placed along the trajectory, wherever no anchor is within 25 m; every position belongs to its nearest
+       anchor, and anchors visited in succession are joined. So a street driven twice, in either direction and lane, is
+       one street, and every edge is about 25 m or longer.
     2. Each anchor moves to the mean, over the passes, of the nearest position of each pass: the centre line.
-    3. Until nothing offends, crossings become junctions, nodes under 15 m from a street join it, edges under 25 m are
-       contracted, and of two edges that part at under 40 degrees the longer starts where the shorter ends. What still
-       offends after 200 repairs is dropped, and the largest connected part is kept.
-    4. Bends of less than 2 m are straightened, where no edge gets longer than 80 m.
-    5. A share ``side_streets`` of the bends gets a side street at right angles: through to the next street if that is
-       within ``reach_m``, else 50 to 110 m long, and none where it would pass another street by less than 30 m.
+    3. Until all rules hold, crossings become junctions, nodes under 15 m from a street join it, edges under 25 m are
+       contracted, and of two edges that diverge by under 40 degrees the longer starts where the shorter ends. What
+       still violates a rule after 200 repairs is dropped, and the largest connected part is kept.
+    4. Bends of less than 2 m are straightened where no edge becomes longer than 80 m.
+    5. A share ``side_streets`` of the bends gets a side street at right angles: up to the next street if that is
+       within ``reach_m``, otherwise 50 to 110 m long, and none where it would pass another street within 30 m.
 
-    Streets driven more than once are avenues of 12 m, the others are 8 m wide.
+    Streets driven more than once are avenues 12 m wide; the others are 8 m wide.
 
     Args:
         positions: metres, in the order of travel.
         seed: of the side streets.
-        side_streets: share of the bends that try to get one, in [0, 1].
-        reach_m: how far a side street looks for a street to end at, in [50, 1000].
+        side_streets: share of the bends for which one is attempted, in [0, 1].
+        reach_m: how far ahead a side street may end at another street, in [50, 1000].
 
     Raises:
         UserError: fewer than two distinct positions, a coordinate that is not finite, a trajectory not 60 m to
@@ -79,7 +79,7 @@ def _resampled(positions: Float[ndarray, "n 2"], step_m: float = 2.0) -> Float[n
 
 
 def _anchor_graph(path: Float[ndarray, "m 2"]) -> nx.Graph:
-    """Steps 1 and 2. Nodes carry ``at``; edges carry ``passes``, how often they were driven."""
+    """Steps 1 and 2. Nodes have ``at``; edges have ``passes``, how often they were driven."""
     anchors = [path[0]]
     for point in path:
         if np.min(np.linalg.norm(np.asarray(anchors) - point, axis=1)) > MERGE_M:

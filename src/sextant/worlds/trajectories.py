@@ -1,4 +1,4 @@
-"""Trajectories that were really driven: readers of KITTI poses and of COLD sequences."""
+"""Real trajectories: readers of KITTI poses and COLD sequences."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from sextant.errors import UserError
 
-#: Three rows of a rotation must be orthonormal to this.
+#: The three rows of a rotation must be orthonormal within this tolerance.
 ROTATION_TOLERANCE = 1e-3
 
 
@@ -22,9 +22,9 @@ class ColdSequence:
 
     Attributes:
         images: names of the images, in the order of travel.
-        times_s: seconds since the first image, from the file names; None where they carry no time.
+        times_s: seconds since the first image, from the file names; None if they contain no time.
         poses: x, y in metres and heading in radians, from laser localization.
-        odometry: the same from the wheels, in a frame of its own; None where the file has none.
+        odometry: the same from the wheels, in its own coordinates; None if the file has none.
     """
 
     images: tuple[str, ...]
@@ -36,13 +36,14 @@ class ColdSequence:
 def load_kitti_poses(path: Path | str) -> Float[ndarray, "n 4 4"]:
     """Camera poses of a KITTI odometry sequence, `world_from_camera`: x right, y down, z forward of the first camera.
 
-    The file has a line a frame with the 12 numbers of a 3×4 matrix, row by row. The ground plane is x, z:
-    `plane_positions` takes it.
+    The file has a line per frame with the 12 numbers of a 3×4 matrix, row by row. The ground plane is x, z:
+    `plane_positions` extracts it.
 
     Source: A. Geiger, P. Lenz, R. Urtasun, "Are we ready for autonomous driving?", CVPR 2012.
 
     Raises:
-        UserError: there is no such file, it is empty, a line has not 12 finite numbers, or a rotation is none.
+        UserError: there is no such file, it is empty, a line does not have 12 finite numbers, or a matrix is not a
+            rotation.
     """
     lines = [line.split() for line in _read(path).splitlines() if line.strip()]
     if not lines:
@@ -65,12 +66,12 @@ def plane_positions(poses: Float[ndarray, "n 4 4"]) -> Float[ndarray, "n 2"]:
 
 
 def load_cold(path: Path | str) -> ColdSequence:
-    """A COLD sequence from json: ``im_paths``, ``poses`` (12 numbers each, z up) and, with odometry, ``odom_poses``.
+    """A COLD sequence from JSON: ``im_paths``, ``poses`` (12 numbers each, z up) and, with odometry, ``odom_poses``.
 
     The layout is that of AppearanceSeqMCL (A. Jaenal et al.), which published such files.
 
     Raises:
-        UserError: there is no such file, it is no json, or a list is missing, of another length or malformed.
+        UserError: there is no such file, it is not JSON, or a list is missing, of another length or malformed.
     """
     try:
         content: Any = json.loads(_read(path))

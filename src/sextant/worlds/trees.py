@@ -16,7 +16,7 @@ GREENS = palette("#5f7a33", "#4f6f2c", "#6f8a3c", "#567438", "#7a8f45", "#48652c
 
 @dataclass(frozen=True)
 class Trees:
-    """Many trees, one array an attribute; ``size`` scales a tree of some eight metres, conifers one of eleven."""
+    """Many trees, one array per attribute; ``size`` scales a tree of about eight metres, or a conifer of eleven."""
 
     position: Float64[ndarray, "n 3"]
     heading: Float64[ndarray, "n"]
@@ -29,7 +29,7 @@ class Trees:
 
 
 def tree_mesh(trees: Trees, foliage: float, leaves: int) -> Mesh:
-    """Triangles of all trees; ``foliage`` (0 to 1) is the share of ``leaves`` a broad-leaved tree still bears."""
+    """Triangles of all trees; ``foliage`` (0 to 1) is the share of ``leaves`` that broad-leaved trees still have."""
     parts = []
     form = (trees.seed * 997 % 1 * FORMS).astype(int)
     for k in range(FORMS):
@@ -52,7 +52,7 @@ class _Form:
 
 @lru_cache(maxsize=64)
 def _form(k: int, leaves: int) -> _Form:
-    """A template of eight metres: a trunk, branches that fork, and ``leaves`` in clumps about their ends."""
+    """A template of eight metres: a trunk, forking branches, and ``leaves`` in clumps around their ends."""
     rng = np.random.default_rng([41, k])
     tall, wide = 4.9 + 0.8 * rng.random(), 2.3 + 0.9 * rng.random()
     stem = 1.9 + 0.6 * rng.random()
@@ -119,7 +119,7 @@ def _broad(trees: Trees, at: Int64[ndarray, "k"], k: int, foliage: float, leaves
 
 
 def _conifers(trees: Trees, at: Int64[ndarray, "k"]) -> Mesh:
-    """Skirts of jagged cones on a trunk."""
+    """Tiers of jagged cones on a trunk."""
     rng = np.random.default_rng(43)
     layers = []
     for i in range(6):

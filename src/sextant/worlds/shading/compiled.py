@@ -1,7 +1,7 @@
 """Compilation of the shading functions by Numba, kept on disk between processes.
 
-Numba notices a change of the file that a function is in, not of the files it calls into. The cache is therefore kept
-in a folder named by the hash of this whole package.
+Numba notices changes in the file that defines a function, but not in files that the function calls into. The cache is
+therefore kept in a folder named by the hash of this whole package.
 """
 
 import hashlib
@@ -20,8 +20,8 @@ _SOURCE = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(_HERE.glo
 def compiled(function: Callable[..., Any]) -> Any:
     """``function`` as machine code: releases the interpreter's lock, keeps IEEE arithmetic (no reordering).
 
-    Arrays are not reference-counted within: a row of a table that all threads read would have them fight over its
-    counter, for a third of the shading time. So no function here may make an array.
+    Arrays inside are not reference-counted: threads that read rows of the same table would compete for its counter,
+    which takes a third of the shading time. So no function here may create an array.
     """
     before = _SETTINGS.CACHE_DIR
     if not before:

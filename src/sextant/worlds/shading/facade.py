@@ -1,8 +1,8 @@
 """Facades: walls of plaster, brick, stone, panels or boards, with windows and doors set back into them.
 
-The recess of a window is exact for the eye without a triangle: the ray that met the wall plane at ``(u, v)`` is
-carried on to the pane at depth ``d`` behind it, ``(u, v) + d (du, dv) / -dn``; where it leaves the opening on the way
-it meets the reveal. The shadow that the opening casts on the pane follows the same way along the sun.
+The recess of a window looks exact without any triangles: the ray that hits the wall plane at ``(u, v)`` continues to
+the pane at depth ``d`` behind it, ``(u, v) + d (du, dv) / -dn``; where it leaves the opening on the way, it hits the
+reveal. The shadow that the opening casts on the pane is found in the same way along the direction of the sun.
 """
 
 from math import floor
@@ -65,7 +65,7 @@ def wall_colour(row, u, v, seed, style, footprint):
 
 @compiled
 def room(x, y, w, h, seed, lit, day, footprint):
-    """What is seen through a pane: albedo of curtains or the dark of the room, and the light that comes out of it."""
+    """What is seen through a pane: albedo of the curtains or the dark room, and the light that comes out of it."""
     kind = hash3(seed, 5, 1)
     r, g, b = 0.035, 0.037, 0.042
     glow = 1.0
@@ -90,7 +90,7 @@ def room(x, y, w, h, seed, lit, day, footprint):
 
 @compiled
 def facade(row, u, v, du, dv, dn, su, sv, sn, footprint, look):
-    """What is seen of a wall at ``(u, v)`` metres from its lower left corner.
+    """What a wall looks like at ``(u, v)`` metres from its lower left corner.
 
     ``(du, dv, dn)`` is the ray and ``(su, sv, sn)`` the sun in the frame along, up and out of the wall.
 

@@ -13,7 +13,7 @@ def asphalt(x, y, footprint):
     """Albedo of a road surface at world ``(x, y)``: patches, grain and cracks."""
     base = 0.085 + 0.035 * value_noise(x * 0.21, y * 0.21, 11) + 0.02 * value_noise(x * 1.7, y * 1.7, 12)
     i, j = floor(x / 7.0), floor(y / 7.0)
-    if hash3(i, j, 13) > 0.82:  # a mended place
+    if hash3(i, j, 13) > 0.82:  # a repaired patch
         fx, fy = x / 7.0 - i, y / 7.0 - j
         w, h = 0.2 + 0.5 * hash3(i, j, 14), 0.15 + 0.4 * hash3(i, j, 15)
         if abs(fx - 0.5) < 0.5 * w and abs(fy - 0.5) < 0.5 * h:
@@ -30,10 +30,10 @@ def asphalt(x, y, footprint):
 
 @compiled
 def road(row, u, v, x, y, footprint, look):
-    """Albedo of a street ``u`` metres along and ``v`` left of its centre line.
+    """Albedo of a street ``u`` metres along its centre line and ``v`` metres to the left of it.
 
     Returns:
-        albedo (3), how far wheels kept it clear of snow (0 to 1).
+        albedo (3), how far wheels have cleared it of snow (0 to 1).
     """
     length, half, markings, start, end = row[P0], row[P0 + 1], row[P0 + 2], row[P0 + 3], row[P0 + 4]
     r, g, b = asphalt(x, y, footprint)
@@ -109,7 +109,7 @@ def grass(x, y, footprint, look):
 
 @compiled
 def field(x, y, footprint, look):
-    """Albedo of the open country around a town."""
+    """Albedo of the open countryside around a town."""
     i, j = floor(x / 160.0), floor(y / 110.0)
     crop = hash3(i, j, 51)
     r, g, b = grass(x, y, footprint, look)

@@ -1,8 +1,8 @@
 """What is seen indoors: walls, floors, ceilings, doors and furniture, and the light of lamps and windows on them.
 
-Every indoor row ends with three numbers of its room: the lamp light and the daylight that its walls scatter about, and
-the share of its lamps that burn by day (``LAMP_FILL``, ``DAY_FILL``, ``BURN``). No ray is cast for light: a grid of
-cells names the lamps and windows of the room that a point is in, and holds the contact shadow of the furniture on it.
+Every indoor row ends with three numbers of its room: the lamp light and the daylight that its walls scatter, and the
+share of its lamps that are on by day (``LAMP_FILL``, ``DAY_FILL``, ``BURN``). No ray is cast for light: a grid of cells
+lists the lamps and windows of the room that a point is in, and holds the contact shadow of the furniture there.
 """
 
 from math import floor, sqrt
@@ -29,7 +29,7 @@ WALL, FLOOR, CEILING, DOOR, WOOD, POSTER, SCREEN, WINDOW, SHELF = (int(kind) for
 LAMP_FILL, DAY_FILL, BURN = P0 + 7, P0 + 8, P0 + 9
 #: lights above this height are ceiling lamps, those below are windows; how far a light reaches, metres
 LAMP_ABOVE_M, REACH_M = 2.45, 6.0
-#: contact shadows are stored as integers, so many for full shadow
+#: contact shadows are stored as integers up to this number, which is full shadow
 SHADOW_STEPS = 1000.0
 
 
@@ -61,7 +61,7 @@ def corner(u, width, low, high):
 
 @compiled
 def daylight(look):
-    """Linear RGB of the light that falls through a window."""
+    """Linear RGB of the light that comes through a window."""
     r = 0.4 * look[ZENITH_R] + 0.5 * look[HORIZON_R] + 0.35 * look[SUN_R]
     g = 0.4 * look[ZENITH_G] + 0.5 * look[HORIZON_G] + 0.35 * look[SUN_G]
     b = 0.4 * look[ZENITH_B] + 0.5 * look[HORIZON_B] + 0.35 * look[SUN_B]
@@ -70,7 +70,7 @@ def daylight(look):
 
 @compiled
 def burning_share(row, look):
-    """Share of a room's lamps that burn: all by night and on dull days, its own share in bright daylight."""
+    """Share of a room's lamps that are on: all at night and on dull days, the room's own share in bright daylight."""
     _, day, _ = daylight(look)
     dull = max(look[NIGHT], 1.0 - smoothstep(0.45, 0.9, day))
     return row[BURN] + (1.0 - row[BURN]) * dull
@@ -78,7 +78,7 @@ def burning_share(row, look):
 
 @compiled
 def outside(dx, dy, dz, look):
-    """What is seen through a window: sky above a row of trees and houses far off, lawn below."""
+    """What is seen through a window: the sky above a row of distant trees and houses, with a lawn below."""
     a = dx / (abs(dx) + abs(dy) + 1e-9)
     a = a if dy >= 0.0 else 2.0 - a
     level = sqrt(dx * dx + dy * dy) + 1e-9
@@ -289,7 +289,7 @@ def door(row, u, v, seed):
 
 @compiled
 def grain(u, w, v, nz, seed, footprint):
-    """Brightness of wood: grain along the width of what is level, and up what is upright."""
+    """Brightness of wood: the grain runs along the width of level surfaces, and up upright ones."""
     along, across = (u, w) if abs(nz) > 0.7 else (v, u + w)
     k = value_noise(across * 30.0, along * 1.6, seed) + 0.5 * value_noise(across * 110.0, along * 3.0, seed)
     return 0.97 + 0.16 * (k - 0.75) * keep(footprint, 0.05)
@@ -331,7 +331,7 @@ def books(row, u, v, nz, seed):
 
 @compiled
 def interior(row, kind, u, w, oz, nz, dx, dy, dz, footprint, look):
-    """What is seen of an indoor surface at ``(u, w, oz)`` in its texture frame.
+    """What an indoor surface looks like at ``(u, w, oz)`` in its texture frame.
 
     Returns:
         albedo (3), emission (3), gloss.
@@ -380,7 +380,7 @@ def shadow(cells, origin, x, y):
 
 @compiled
 def room_light(x, y, z, nx, ny, nz, mx, my, mz, lamps, cells, origin):
-    """What the lights of its room do to a point with normal ``n``, seen by a ray mirrored to ``m``.
+    """Light from the lights of its room at a point with normal ``n``, seen by a ray reflected to ``m``.
 
     Returns:
         light of lamps and of windows, and highlights of lamps and of windows.
@@ -418,7 +418,7 @@ def room_light(x, y, z, nx, ny, nz, mx, my, mz, lamps, cells, origin):
 
 @compiled
 def indoor_light(row, r, g, b, gloss, x, y, z, nx, ny, nz, dx, dy, dz, along, lamps, cells, origin, look):
-    """Light that a point of albedo ``(r, g, b)`` sends back along the unit ray ``d``, without what it emits.
+    """Light that a point of albedo ``(r, g, b)`` reflects back along the unit ray ``d``, without what it emits.
 
     ``albedo (fill + sum of lamps and windows) + gloss (their highlights)``: a lamp gives
     ``I cos(out) max(n.l, 0) / (d^2 + s)``, a window the same without its own cosine; both fade out at ``REACH_M``.

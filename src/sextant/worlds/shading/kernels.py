@@ -41,7 +41,7 @@ def world_rays(pose, bearings, first, shift, origins, directions):
     """Rays of a camera at ``pose`` (3 x 4, world from camera), into float32 ``origins`` and ``directions``.
 
     While the shutter is open the camera moves by ``shift`` (metres along world x, y, z, and radians about z): each ray
-    has its own moment within it, hashed from its number ``first + i``.
+    has its own instant, hashed from its number ``first + i``.
     """
     moving = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0 or shift[3] != 0.0
     for i in range(bearings.shape[0]):
@@ -64,7 +64,7 @@ def world_rays(pose, bearings, first, shift, origins, directions):
 
 @compiled
 def distances(origins, directions, triangle, normals, offsets, out):
-    """Exact distance of each ray to the plane of the triangle it met; infinite where it met none."""
+    """Exact distance along each ray to the plane of the triangle it hit; infinite where it hit none."""
     for i in range(triangle.shape[0]):
         t = triangle[i]
         if t < 0:
@@ -77,7 +77,7 @@ def distances(origins, directions, triangle, normals, offsets, out):
 
 @compiled
 def gaps(origins, directions, triangle, distance, surface, surfaces, footprint, out):
-    """Numbers of the rays that slip between the leaves where they met foliage; returns how many."""
+    """Numbers of the rays that hit foliage and slip between the leaves; returns how many."""
     count = 0
     for i in range(triangle.shape[0]):
         t = triangle[i]
@@ -98,7 +98,7 @@ def gaps(origins, directions, triangle, distance, surface, surfaces, footprint, 
 
 @compiled
 def shadow_rays(origins, directions, triangle, distance, normals, surface, surfaces, look, at, starts):
-    """Points that face the sun and must ask whether they see it: their ray numbers and places; returns how many."""
+    """Points that face the sun and may be in shadow: their ray numbers and positions; returns how many."""
     if look[SUN_R] + look[SUN_G] + look[SUN_B] < 1e-3 or look[INDOOR] > 0.5:
         return 0
     count = 0
@@ -118,7 +118,7 @@ def shadow_rays(origins, directions, triangle, distance, normals, surface, surfa
             nx, ny, nz = look[SUN_X], look[SUN_Y], look[SUN_Z]
         lift = 0.002 + 2e-5 * d
         if int(surfaces[surface[t], KIND]) == LEAVES:
-            lift = 0.35  # the nearest leaves do not count: light trickles in
+            lift = 0.35  # the nearest leaves do not count: light filters in
             nx, ny, nz = look[SUN_X], look[SUN_Y], look[SUN_Z]
         starts[count, 0] = origins[i, 0] + d * directions[i, 0] + nx * lift
         starts[count, 1] = origins[i, 1] + d * directions[i, 1] + ny * lift
@@ -130,7 +130,7 @@ def shadow_rays(origins, directions, triangle, distance, normals, surface, surfa
 
 @compiled
 def one_surface(triangle, i, samples):
-    """Whether all rays of the pixel of ray ``i`` met one triangle."""
+    """Whether all rays of the pixel of ray ``i`` hit one triangle."""
     first = i // samples * samples
     for k in range(1, samples):
         if triangle[first + k] != triangle[first]:
@@ -140,7 +140,7 @@ def one_surface(triangle, i, samples):
 
 @compiled
 def corner_rays(triangle, at, starts, samples, sunny, chosen, froms):
-    """Which of the rays ``at`` are cast at the sun first: of a pixel on one triangle its first and last, else all.
+    """Which of the rays ``at`` are cast at the sun first: the first and last of a pixel on one triangle, otherwise all.
 
     Their numbers go into ``chosen`` and their ``starts`` into ``froms``; returns how many.
     """
@@ -156,7 +156,7 @@ def corner_rays(triangle, at, starts, samples, sunny, chosen, froms):
 
 @compiled
 def inner_rays(triangle, at, starts, samples, sunny, chosen, froms):
-    """The rays that ``corner_rays`` left out: lit as the corners of their pixel where these agree, else ``chosen``."""
+    """The rays that ``corner_rays`` left out: lit like their pixel's corners if these agree, otherwise ``chosen``."""
     count = 0
     for j in range(at.shape[0]):
         sample = at[j] % samples
@@ -174,10 +174,10 @@ def inner_rays(triangle, at, starts, samples, sunny, chosen, froms):
 
 @compiled
 def sky_rays(origins, directions, triangle, distance, normals, surface, surfaces, number, samples, at, starts, ways):
-    """One ray from each point that was met, by the cosine law about its normal: does it see the sky? Returns how many.
+    """One ray from each point that was hit, cosine-distributed about its normal: does it see the sky? Returns how many.
 
-    The ``samples`` rays of a pixel, told by the ``number`` of the ray in its view, spread by a golden-ratio sequence
-    that is shifted by a hash of the pixel.
+    The ``samples`` rays of a pixel, identified by the ``number`` of the ray in its view, are spread by a golden-ratio
+    sequence shifted by a hash of the pixel.
     """
     count = 0
     for i in range(triangle.shape[0]):
@@ -213,9 +213,9 @@ def shade(
     """Linear radiance of every ray.
 
     ``albedo (sun max(n.s, 0) visible + sky (1 + n.z)/2 + bounce (1 - n.z)/2 + lamps) + emission + mirrored sky``, with
-    snow and wetness on what faces up, then fog by distance. ``open_sky`` is 1 or 0 where a ray asked whether the point
-    sees the sky, -1 where it did not: then the sky's share is guessed from the normal and the height above the street.
-    Shares of wet ground that mirror are left in ``mirror`` for a second cast.
+    snow and wetness on what faces up, then fog by distance. ``open_sky`` is 1 or 0 where a ray tested whether the point
+    sees the sky, -1 where none did: then the sky's share is estimated from the normal and the height above the street.
+    The reflective shares of wet ground are left in ``mirror`` for a second cast.
     """
     sun_x, sun_y, sun_z = look[SUN_X], look[SUN_Y], look[SUN_Z]
     indoor = look[INDOOR] > 0.5
@@ -254,7 +254,7 @@ def shade(
             continue
         round_x, round_y, round_z = nx, ny, nz
         leafy = kind == LEAVES or kind == CONIFER
-        if kind == LEAVES:  # a crown is lit as a ball, not leaf by leaf
+        if kind == LEAVES:  # a crown is lit like a ball, not leaf by leaf
             cx, cy, cz = x - row[X], y - row[Y], z - row[Z]
             n = 0.75 / (sqrt(cx * cx + cy * cy + cz * cz) + 1e-6)
             round_x, round_y, round_z = 0.25 * nx + n * cx, 0.25 * ny + n * cy, 0.25 * nz + n * cz
@@ -281,7 +281,7 @@ def shade(
             low = 0.86 if z < 1.0 else 0.95
         sky_light = up * low
         ground_light = 1.0 - up
-        if open_sky[i] >= 0.0:  # asked by a ray instead of guessed
+        if open_sky[i] >= 0.0:  # tested by a ray instead of estimated
             sky_light, ground_light = 1.05 * open_sky[i], 0.85 * (1.0 - open_sky[i])
         lr = air_r * sky_light + look[BOUNCE_R] * ground_light
         lg = air_g * sky_light + look[BOUNCE_G] * ground_light
@@ -322,7 +322,7 @@ def shade(
                 hr, hg, hb = sky(mx, my, mz, look, False)
             else:
                 hr, hg, hb = look[BOUNCE_R], look[BOUNCE_G], look[BOUNCE_B]
-            across = 0.55 * (1.0 - smoothstep(0.02, 0.35, mz))  # the houses opposite stand before the low sky
+            across = 0.55 * (1.0 - smoothstep(0.02, 0.35, mz))  # the houses opposite hide the low sky
             hr, hg, hb = hr * (1.0 - across), hg * (1.0 - across), hb * (1.0 - across)
             cr, cg, cb = cr + (hr - cr) * share, cg + (hg - cg) * share, cb + (hb - cb) * share
         if mirrored > 0.01:
@@ -337,7 +337,7 @@ def shade(
 
 @compiled
 def mirror_rays(origins, directions, distance, mirror, at, starts, ways):
-    """Rays thrown back by wet ground (normal up, rippled a little): their numbers and themselves; returns how many."""
+    """Rays reflected by wet ground (normal up, slightly rippled), with their numbers; returns how many."""
     count = 0
     for i in range(mirror.shape[0]):
         if mirror[i] <= 0.0:
@@ -360,7 +360,7 @@ def mirror_rays(origins, directions, distance, mirror, at, starts, ways):
 
 @compiled
 def average(radiance, samples, out):
-    """Mean of the ``samples`` rays of each pixel, bright ones held at 8 so that a lamp does not sparkle."""
+    """Mean of the ``samples`` rays of each pixel, clipped at 8 so that lamps do not sparkle."""
     for i in range(out.shape[0]):
         for c in range(3):
             total = 0.0
@@ -371,7 +371,7 @@ def average(radiance, samples, out):
 
 @compiled
 def gaussian(i, c, seed):
-    """A standard normal number for three integers (Box and Muller)."""
+    """A standard normal number for three integers (Box-Muller)."""
     return sqrt(-2.0 * log(hash3(i, c, seed) + 1e-12)) * cos(2.0 * pi * hash3(i, c + 3, seed + 1))
 
 

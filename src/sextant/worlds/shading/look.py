@@ -1,4 +1,4 @@
-"""An appearance turned into the numbers the shading kernels read: colours of sun, sky, fog, and strengths."""
+"""An appearance as the numbers that the shading kernels read: colours of sun, sky and fog, and strengths."""
 
 from functools import lru_cache
 
@@ -37,9 +37,9 @@ def _at(table: Float64[ndarray, "k 3"], elevation: float) -> Float64[ndarray, "3
 
 
 def white_balance(temperature_k: float) -> Float64[ndarray, "3"]:
-    """Gains of red, green and blue that a camera set to daylight gives light of ``temperature_k``; 6500 gives ones.
+    """Gains of red, green and blue that a camera set to daylight applies to light of ``temperature_k``; 1 at 6500.
 
-    A linear fit in the logarithm of the temperature to the colour of a black body, enough for a tint.
+    A fit to the colour of a black body, linear in the logarithm of the temperature; accurate enough for a tint.
     """
     x = np.log(temperature_k / 6500.0)
     return np.asarray(np.exp(np.array([-0.45, 0.0, 0.65]) * x))
@@ -63,7 +63,7 @@ def pack(appearance: Appearance, *, indoor: bool = False) -> Float64[ndarray, "3
     zenith = zenith + cover * (overcast - zenith)
     horizon = horizon + cover * (0.92 * overcast - horizon)
     sun = sun * (1 - cover) ** 1.5
-    glow = 0.035 * a.night * np.array([1.0, 0.72, 0.5])  # the town's lamps on the underside of the clouds
+    glow = 0.035 * a.night * np.array([1.0, 0.72, 0.5])  # the town's lamps light the underside of the clouds
     zenith, horizon = zenith + glow * (0.15 + 0.6 * cover), horizon + glow
     look[SUN_R : SUN_B + 1] = sun
     look[ZENITH_R : ZENITH_B + 1] = zenith

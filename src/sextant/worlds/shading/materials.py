@@ -1,4 +1,4 @@
-"""One function that tells what is seen at a point of any surface."""
+"""One function for what is seen at a point of any surface."""
 
 from math import floor, sqrt
 
@@ -52,7 +52,7 @@ def car(row, px, py, pz, nz, look):
 
 @compiled
 def leaves(row, triangle, px, py, pz, look):
-    """Albedo of foliage; in autumn each tree turns at its own time."""
+    """Albedo of foliage; in autumn each tree changes colour at its own time."""
     seed = row[SEED]
     tint = hash3(triangle, 91, 0)
     r, g, b = row[RED] * (0.7 + 0.6 * tint), row[GREEN] * (0.75 + 0.5 * tint), row[BLUE] * (0.7 + 0.6 * tint)
@@ -91,7 +91,7 @@ def needles(triangle, x, y, z, footprint):
 
 @compiled
 def hedge(row, u, w, oz, seed, footprint, look):
-    """Albedo of a clipped hedge, a little browner in autumn."""
+    """Albedo of a clipped hedge, slightly browner in autumn."""
     k = 0.45 + 0.55 * value_noise(u * 7.0 + w * 3.0, oz * 7.0 + w * 5.0, seed)
     k += 0.35 * keep(footprint, 0.12) * (hash3(floor(u * 12.0), floor(oz * 12.0), floor(w * 12.0)) - 0.4)
     brown = 0.5 * look[AUTUMN]
@@ -119,7 +119,7 @@ def sign(row, u, oz, seed):
 
 @compiled
 def person(row, oz):
-    """Albedo of somebody at a height: hair, skin, coat, trousers."""
+    """Albedo of a person by height: hair, skin, coat, trousers."""
     height = row[P0]
     if oz > 0.95 * height:
         return 0.05, 0.035, 0.025

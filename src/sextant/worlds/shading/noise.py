@@ -51,5 +51,5 @@ def fractal_noise(x, y, seed, octaves):
 
 @compiled
 def keep(footprint, size):
-    """How much of a detail of ``size`` survives a pixel that covers ``footprint``: 1 well resolved, 0 finer than it."""
+    """How much of a detail of ``size`` survives in a pixel covering ``footprint``: 1 if well resolved, 0 if finer."""
     return clamp(1.4 - footprint / size, 0.0, 1.0)

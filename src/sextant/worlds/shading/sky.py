@@ -1,4 +1,4 @@
-"""Radiance of the sky along a direction: gradient, sun, clouds, stars and the hills on the horizon."""
+"""Radiance of the sky along a direction: gradient, sun, clouds, stars, and hills on the horizon."""
 
 from math import exp, floor, sqrt
 
@@ -26,7 +26,7 @@ from sextant.worlds.shading.noise import clamp, fractal_noise, hash3, smoothstep
 
 @compiled
 def sky(dx, dy, dz, look, detail):
-    """Linear RGB of the sky towards the unit vector; ``detail`` false leaves clouds and hills out (for mirrors)."""
+    """Linear RGB of the sky towards a unit vector; without ``detail`` it has no clouds and hills (for reflections)."""
     up = clamp(dz, 0.0, 1.0)
     blend = (1.0 - up) ** 5
     blend = clamp(blend + 0.25 * exp(-up * 7.0), 0.0, 1.0)
