@@ -63,7 +63,7 @@ def coverage_tour(graph: StreetGraph, start: int = 0) -> list[int]:
     """Nodes of a tour that takes every street at least once, in either direction, and turns round only in dead ends.
 
     Greedy: continue along the street not taken yet that turns least; where there is none, take the shortest way to the
-    nearest such street without turning round. On town layouts the tour is about 1.2 to 1.5 times as long as the streets.
+    nearest such street without turning round. On town layouts the tour is 1.2 to 1.5 times as long as the streets.
     From a node that is not connected to all streets, the tour covers those that can be reached.
 
     Raises:
