@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from sextant import cli
-from sextant.cli import corruptions_make, dashboard, gallery, predict, report, train
+from sextant.cli import claims, corruptions_make, dashboard, gallery, predict, report, train
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.cli.evaluate import split_run
@@ -17,6 +17,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked
+from sextant.lifecycle.claims import read_claims
 from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes import recipe_of
@@ -134,6 +135,11 @@ def _report(command: Command, words: list[str]) -> None:
     _among("sweep", given["sweep"], [*groups()["sweep"], SOMETHING])
 
 
+def _claims(command: Command, words: list[str]) -> None:
+    given = parse_arguments(words, claims.ClaimsOptions.meanings(), command.text)
+    read_claims(given.get("claim", "all"))
+
+
 def _data(command: Command, words: list[str]) -> None:
     verb, *rest = words
     _among("sextant data", verb, ["list", "render", "verify", "gallery"])
@@ -171,6 +177,7 @@ VERBS = {
     "predict": _predict,
     "sweep": _sweep,
     "report": _report,
+    "claims": _claims,
     "data": _data,
     "runs": _runs,
     "doctor": _doctor,

@@ -58,6 +58,7 @@ NOT_RUN = {
     r"^python report\.py sweep=<name>": "as the reports of tests/system/test_sweep.py",
     r"^python -m sextant\.corruptions": "needs CIFAR-10; smaller in tests/corruptions/test_make_command.py",
     r"^sextant data (render|verify|gallery)": "renders for minutes; smaller in tests/cli/test_data.py",
+    r"^sextant claims": "as tests/lifecycle/test_claims.py, or runs sweeps",
     r"^sextant doctor": "as tests/cli/test_doctor.py",
     r"^make (run|test|lint|lock|worlds-gallery)": "installs, or takes minutes",
     r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",

@@ -18,6 +18,7 @@ VERBS = {
     ),
     "sweep": ("sextant.cli.sweep", "status of a sweep that runs elsewhere; attach to it, or cancel it"),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
+    "claims": ("sextant.cli.claims", "decide the claims of the thesis, and write their board"),
     "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
     "doctor": ("sextant.cli.doctor", "check the geometry, losses and crops of calibration on this machine"),

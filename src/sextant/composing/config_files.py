@@ -11,6 +11,9 @@ import yaml
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir
 
+#: folders of YAML files that are no options of a config
+NO_GROUPS = ("claim",)
+
 _OWN: ContextVar[tuple[Path, ...]] = ContextVar("folders of a user's own config files", default=())
 
 
@@ -49,7 +52,8 @@ def groups() -> dict[str, tuple[str, ...]]:
     """Options of every config group, such as ``{"dataset": ("cifar10", "digits", ...)}``."""
     found: dict[str, dict[str, None]] = {}
     for path in (path for folder in folders() for path in sorted(folder.glob("*/*.yaml"))):
-        found.setdefault(path.parent.name, {})[path.stem] = None
+        if path.parent.name not in NO_GROUPS:
+            found.setdefault(path.parent.name, {})[path.stem] = None
     return {name: tuple(options) for name, options in found.items()}
 
 

@@ -44,7 +44,11 @@ class Contrast(Node):
 
 
 class Sweep(Node):
-    """A named ablation: factors x arms x seeds. The digest leaves it out: it plans runs and changes none."""
+    """A named ablation: factors x arms x seeds. The digest leaves it out: it plans runs and changes none.
+
+    Attributes:
+        quick: overrides of its small form, for ``sextant claims preset=quick``; empty where it is small as it is.
+    """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", examples=["my_sweep"])
     question: str = ""
@@ -56,6 +60,7 @@ class Sweep(Node):
     published: dict[str, dict[str, dict[str, float]]] = Field(default_factory=dict)
     interval: Literal["t", "bootstrap"] = "t"
     metrics: list[str] = Field(default_factory=list)
+    quick: list[str] | None = None
 
     @model_validator(mode="after")
     def _contrasts_name_arms(self) -> Self:

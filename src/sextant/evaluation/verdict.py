@@ -1,0 +1,134 @@
+"""Whether a claim holds, fails or is undecided, from intervals and the smallest effect that matters."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from scipy import stats
+
+from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM
+
+Expectation = Literal["better", "as_good", "same"]
+Verdict = Literal["holds", "fails", "undecided"]
+
+#: chance of a wrong verdict on either side, where the truth is exactly at the border
+TAIL = 0.025
+#: chance that the named number of further seeds is to give a verdict
+POWER = 0.8
+#: more seeds than this are not advised: the effect is as good as at the border
+MOST_SEEDS = 1000
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An effect over seeds, positive where it favours the claim.
+
+    Attributes:
+        mean: of the effect.
+        error: its standard error; nan of one seed, or where only the interval is known; 0 of what is counted.
+        freedom: degrees of freedom of the error.
+        seeds: that it rests on.
+        known: a 95 % interval that was found in another way than by Student's t.
+        floor: the difference that the choice of seeds alone made beside it.
+        counted: whether it is exact, such as a number of parameters, and needs no seeds.
+    """
+
+    mean: float
+    error: float
+    freedom: float
+    seeds: int
+    known: tuple[float, float] | None = None
+    floor: float = 0.0
+    counted: bool = False
+
+    @classmethod
+    def of_pairs(cls, mean: float, spread: float, seeds: int, floor: float = 0.0) -> "Estimate":
+        """Of the mean and the standard deviation of one value a seed, such as the differences of pairs."""
+        error = spread / math.sqrt(seeds) if seeds > 1 else math.nan
+        return cls(mean, error, seeds - 1, seeds, floor=floor)
+
+    def interval(self, tail: float = TAIL) -> tuple[float, float]:
+        """The interval that leaves this share out on either side; nan without a known error."""
+        if self.counted:
+            return (self.mean, self.mean)
+        if self.known is not None:
+            return self.known
+        half = float(stats.t.ppf(1 - tail, self.freedom)) * self.error if self.freedom > 0 else math.nan
+        return (self.mean - half, self.mean + half)
+
+
+def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> Verdict:
+    """Decide one comparison.
+
+    With [l, u] the 95 % interval of the effect, m the smallest that matters and f what seeds alone made,
+
+    ========= ============================ ================================
+    expects   holds                        fails
+    ========= ============================ ================================
+    better    l > max(m, f)                u < m
+    as_good   l > -m                       u < -m
+    same      -m < l and u < m             l > max(m, f) or u < -max(m, f)
+    ========= ============================ ================================
+
+    and everything else is undecided: "no effect" is *shown*, by an interval within (-m, m), or not claimed at all. An
+    effect exactly at a border is called one way or the other at most 5 times in 100. Fewer than
+    ``SEEDS_FOR_A_CLAIM`` seeds decide nothing.
+
+    Args:
+        found: the effect, positive where it favours the claim.
+        expects: what the claim says of it.
+        matters: smallest effect that matters, in its unit, at least 0.
+        parts: of the claim. All have to hold, so holding needs no correction; one that fails is enough, so failing is
+            tested with Bonferroni's.
+    """
+    if not found.counted and found.seeds < SEEDS_FOR_A_CLAIM:
+        return "undecided"
+    low, high = found.interval()
+    failing_low, failing_high = found.interval(TAIL / parts)
+    bar = max(matters, abs(found.floor))
+    if found.counted:  # without an interval the border itself belongs to the claim
+        effect = {"better": found.mean - matters, "as_good": found.mean + matters, "same": matters - abs(found.mean)}
+        return "holds" if effect[expects] >= 0 else "fails"
+    rules = {
+        "better": (low > bar, failing_high < matters),
+        "as_good": (low > -matters, failing_high < -matters),
+        "same": (-matters < low and high < matters, failing_low > bar or failing_high < -bar),
+    }
+    holds, fails = rules[expects]
+    return "holds" if holds else "fails" if fails else "undecided"
+
+
+def together(verdicts: Sequence[Verdict]) -> Verdict:
+    """Of a claim with several parts: it holds if all do, and fails if one does."""
+    if "fails" in verdicts:
+        return "fails"
+    return "holds" if verdicts and all(verdict == "holds" for verdict in verdicts) else "undecided"
+
+
+def further_seeds(found: Estimate, expects: Expectation, matters: float) -> int | None:
+    """How many more seeds an undecided comparison needs, if mean and spread stay as they are.
+
+    The smallest n whose interval clears the border that the mean is farthest beyond, with a chance of ``POWER``:
+    ``(t_{0.975} + t_{0.8}) s / sqrt(n) <= distance``, and never fewer than ``SEEDS_FOR_A_CLAIM``.
+
+    Returns:
+        The number; None where it is beyond ``MOST_SEEDS``, or nothing is known of the spread of enough seeds.
+    """
+    least = max(0, SEEDS_FOR_A_CLAIM - found.seeds)
+    bar = max(matters, abs(found.floor))
+    distances = {
+        "better": max(found.mean - bar, matters - found.mean),
+        "as_good": abs(found.mean + matters),
+        "same": max(matters - abs(found.mean), abs(found.mean) - bar),
+    }
+    distance = distances[expects]
+    if found.seeds < 2 or math.isnan(found.error):
+        return least or None
+    spread = found.error * math.sqrt(found.seeds)
+    for seeds in range(max(found.seeds, SEEDS_FOR_A_CLAIM), MOST_SEEDS + 1):
+        freedom = found.freedom * seeds / found.seeds
+        quantiles = stats.t.ppf(1 - TAIL, freedom) + stats.t.ppf(POWER, freedom)
+        if quantiles * spread / math.sqrt(seeds) <= distance:
+            return seeds - found.seeds
+    return None

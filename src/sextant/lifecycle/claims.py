@@ -1,0 +1,265 @@
+"""Deciding the claims of the thesis from stored results, or from sweeps that are run for it."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from sextant.atomic_files import write_atomically
+from sextant.composing.config_files import read_config_file
+from sextant.config import nearest
+from sextant.config.schema.claims import Claim, ClaimPart
+from sextant.errors import UserError
+from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.reports.claim_evidence import evidence
+from sextant.reports.claims_board import Comparison, DecidedClaim, board, picture
+from sextant.runs.outputs_folder import conf_dir
+
+Preset = Literal["quick", "full"]
+Claims = Mapping[str, Claim]
+
+#: of the files of stored results that the claims rest on, as sha256sum writes them
+DIGESTS = "claims/results.sha256"
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Where the tables of the sweeps are.
+
+    Attributes:
+        stored: folder of the stored reports.
+        reports: of sweeps that were run for a preset; without a preset all are stored.
+        left_out: sweeps that the preset did not run, with the reason.
+        preset: that was run, if one was.
+    """
+
+    stored: Path
+    reports: Mapping[str, Path] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    preset: Preset | None = None
+
+    def file(self, part: ClaimPart) -> Path:
+        """The table of a part."""
+        if self.preset is None or part.table == "recorded":
+            return self.stored / part.stored / f"{part.table}.csv"
+        return self.reports[part.sweep] / f"{part.table}.csv"
+
+
+def stored_results() -> Path:
+    """The folder of stored reports: ``docs`` of the checkout."""
+    folder = conf_dir().parent / "docs"
+    if not (folder / DIGESTS).is_file():
+        raise UserError("the stored results are not there", "They come with the repository, in docs.")
+    return folder
+
+
+def read_claims(which: str = "all") -> Claims:
+    """The claims of ``conf/claim``, by chapter and name.
+
+    Raises:
+        UserError: there is none of that name, or a file is wrong.
+    """
+    found = {path.stem: _read_claim(path) for path in sorted((conf_dir() / "claim").glob("*.yaml"))}
+    if which == "all":
+        return dict(sorted(found.items(), key=lambda entry: entry[1].chapter))
+    if which not in found:
+        near = nearest(which, found)
+        raise UserError(f"claim={which}: no such claim", f"Did you mean {near}?" if near else ", ".join(found))
+    return {which: found[which]}
+
+
+def decide_claims(claims: Claims, tables: Tables) -> list[DecidedClaim]:
+    """Decide every claim of which all sweeps are there.
+
+    Raises:
+        UserError: a table lacks what a claim names.
+    """
+    return [
+        _decided(name, claim, tables)
+        for name, claim in claims.items()
+        if not any(part.sweep in tables.left_out for part in _measured(claim, tables.preset))
+    ]
+
+
+def write_board(claims: Claims, tables: Tables, output: Path, command: str) -> Path:
+    """Write ``claims.md`` and its pictures; the same results give the same bytes.
+
+    Raises:
+        UserError: a table lacks what a claim names.
+    """
+    decided = decide_claims(claims, tables)
+    there = {claim.name for claim in decided}
+    left_out = {
+        name: "; ".join(dict.fromkeys(tables.left_out[p.sweep] for p in claim.parts if p.sweep in tables.left_out))
+        for name, claim in claims.items()
+        if name not in there
+    }
+    (output / "claims").mkdir(parents=True, exist_ok=True)
+    for claim in decided:
+        _write(output / "claims" / f"{claim.name}.svg", picture(claim))
+    page = output / "claims.md"
+    _write(page, board(decided, "claims", command, left_out))
+    return page
+
+
+def check_digests(claims: Claims, stored: Path) -> None:
+    """Compare the stored files that claims rest on with their digests.
+
+    Raises:
+        UserError: one is missing or has changed since its digest was written.
+    """
+    lines = (line.partition("  ") for line in (stored / DIGESTS).read_text("utf-8").splitlines())
+    known = {name: digest for digest, _, name in lines}
+    for name, digest in digests(claims, stored).items():
+        if known.get(name) != digest:
+            raise UserError(
+                f"{stored / name} does not match its digest in {stored / DIGESTS}",
+                f"Restore it (git checkout {name}), or, if its sweep was run anew: sextant claims digests=renew",
+            )
+
+
+def digests(claims: Claims, stored: Path) -> dict[str, str]:
+    """SHA-256 of the stored files that claims rest on, by path."""
+    tables = Tables(stored)
+    files = {tables.file(part) for claim in claims.values() for part in claim.parts}
+    missing = sorted(path for path in files if not path.is_file())
+    if missing:
+        raise UserError(f"{missing[0]} is not there", "It is the table of a stored report that a claim names.")
+    return {p.relative_to(stored).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(files)}
+
+
+def renew_digests(claims: Claims, stored: Path) -> None:
+    """Write the digests of the files as they are."""
+    _write(stored / DIGESTS, "".join(f"{digest}  {name}\n" for name, digest in digests(claims, stored).items()))
+
+
+def run_claims(
+    claims: Claims, preset: Preset, stored: Path, overrides: Sequence[str] = (), reporter: RunReporter = SILENT_RUN
+) -> Tables:
+    """Run what is missing of the sweeps that claims rest on, and write their reports.
+
+    A sweep that this preset does not have, or that lacks its data, is left out, with the reason.
+
+    Args:
+        claims: to be decided.
+        preset: how large the sweeps are.
+        stored: folder of the stored results.
+        overrides: for all sweeps, such as ``launcher=joblib``.
+        reporter: listens to the sweeps.
+    """
+    from sextant.lifecycle.results import sweep_results
+    from sextant.lifecycle.sweep import run_sweep
+    from sextant.reports.sweep_report import write_report
+
+    reports: dict[str, Path] = {}
+    left_out: dict[str, str] = {}
+    parts = [part for claim in claims.values() for part in _measured(claim, preset)]
+    for sweep in dict.fromkeys(part.sweep for part in parts if part.sweep):
+        try:
+            arguments = sweep_arguments(sweep, [part for part in parts if part.sweep == sweep], preset)
+            directory = run_sweep([*arguments, *overrides], reporter).directory
+            write_report(sweep_results(directory, directory.parents[1]))
+        except UserError as error:
+            left_out[sweep] = str(error).replace("\n", " ")
+        else:
+            reports[sweep] = directory / "report"
+    return Tables(stored, reports, left_out, preset)
+
+
+def sweep_arguments(sweep: str, parts: Sequence[ClaimPart], preset: Preset) -> list[str]:
+    """The overrides of a sweep under a preset; ``quick`` leaves out the arms that no part needs.
+
+    Raises:
+        UserError: there is no such sweep, or it has no quick form.
+    """
+    definition = _definition(sweep)
+    if preset == "full":
+        return [f"sweep={sweep}"]
+    if "quick" not in definition:
+        raise UserError(f"sweep={sweep} has no quick form that could decide its claim", "preset=full runs it.")
+    arms, contrasts = definition.get("arms", {}), definition.get("contrasts", {})
+    wanted = {name for part in parts for name in part.names} | {definition.get("noise_floor")}
+    used = {contrasts[name][side] for name in contrasts if name in wanted for side in ("treatment", "control")}
+    used |= wanted | {str(part.against) for part in parts}
+    dropped = [f"~sweep.contrasts.{name}" for name in contrasts if name not in wanted]
+    dropped += [f"~sweep.arms.{name}" for name in arms if name not in used]
+    return [f"sweep={sweep}", *definition["quick"], *dropped]
+
+
+def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
+    comparisons = []
+    for part in _measured(claim, tables.preset):
+        if part.sweep:
+            _check_names(name, part)
+        found = evidence(
+            tables.file(part),
+            part.names,
+            part.settings,
+            part.conditions,
+            against=part.against,
+            quantity=part.quantity,
+            down=part.direction == "down",
+        )
+        matters = claim.matters if part.matters is None else part.matters
+        comparisons += [
+            Comparison(
+                each.label, each.estimate, part.expects, matters, part.unit or claim.unit, part.beside, part.note
+            )
+            for each in found
+        ]
+    sweeps = dict.fromkeys(f"python train.py -m sweep={part.sweep}" for part in claim.parts if part.sweep)
+    commands = [*([claim.command] if claim.command else sweeps), f"sextant claims claim={name}"]
+    return DecidedClaim(
+        name=name,
+        chapter=claim.chapter,
+        sentence=claim.sentence,
+        published=claim.published,
+        page=claim.page,
+        unit=claim.unit,
+        matters=claim.matters,
+        reason=claim.reason,
+        runs=claim.runs,
+        commands=commands,
+        comparisons=comparisons,
+    )
+
+
+def _measured(claim: Claim, preset: Preset | None) -> list[ClaimPart]:
+    """The parts of a claim that a preset measures: a quick one only what counts."""
+    return [part for part in claim.parts if not (preset == "quick" and part.beside)]
+
+
+def _check_names(claim: str, part: ClaimPart) -> None:
+    definition = _definition(part.sweep)
+    kind = "contrasts" if part.table in ("contrasts", "pooled") else "arms"
+    there = definition.get(kind, {})
+    wanted = [*part.names, *([str(part.against)] if part.table == "cost" else [])]
+    for name in wanted:
+        if name not in there:
+            raise UserError(
+                f"claim {claim} needs {kind[:-1]} {name}, which sweep={part.sweep} lacks",
+                f"Its {kind}: {', '.join(there) or 'none'}.",
+            )
+
+
+def _definition(sweep: str) -> Mapping[str, Any]:
+    path = conf_dir() / "sweep" / f"{sweep}.yaml"
+    if not path.is_file():
+        raise UserError(f"there is no sweep {sweep}", f"Sweeps are the files of {path.parent}.")
+    found: Mapping[str, Any] = read_config_file(path)["sweep"]
+    return found
+
+
+def _read_claim(path: Path) -> Claim:
+    try:
+        return Claim.model_validate(read_config_file(path))
+    except ValidationError as error:
+        told = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise UserError(f"{path}: {told}", "The keys of a claim are in config/schema/claims.py.") from None
+
+
+def _write(path: Path, text: str) -> None:
+    write_atomically(path, lambda file: file.write(text.encode("utf-8")))

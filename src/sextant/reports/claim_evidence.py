@@ -1,0 +1,121 @@
+"""Estimates for claims, from the tables of stored reports."""
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from scipy import stats
+
+from sextant.errors import UserError
+from sextant.evaluation.verdict import TAIL, Estimate
+
+#: in the column ``seeds`` of ``recorded.csv``: exact, whatever the seed
+COUNTED = "counted"
+#: as far as figures of the claims have digits that are read
+ROUNDING = 9
+
+Row = Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """An estimate, and what it is of."""
+
+    label: str
+    estimate: Estimate
+
+
+def read_table(path: Path) -> list[Row]:
+    """The rows of a stored table; of columns of one name the first, such as ``ratio`` of a table of costs.
+
+    Raises:
+        UserError: there is no such file.
+    """
+    if not path.is_file():
+        raise UserError(f"{path} is not there", "It is stored with the sweep's report: sextant report sweep=<name>.")
+    with path.open(encoding="utf-8", newline="") as file:
+        columns, *rows = csv.reader(file)
+    return [dict(reversed(list(zip(columns, row, strict=True)))) for row in rows]
+
+
+def evidence(
+    path: Path,
+    names: Sequence[str],
+    settings: Sequence[str] = ("-",),
+    conditions: Sequence[str] = ("test",),
+    *,
+    against: float | str = "",
+    quantity: str = "",
+    down: bool = False,
+) -> Iterator[Evidence]:
+    """An estimate for each name, setting and condition, positive where it favours the claim.
+
+    Args:
+        path: a table of a stored report; its name says what its rows are.
+        names: of contrasts, of arms (``cells``, ``cost``), or of rows (``recorded``).
+        settings, conditions: of the rows; ``recorded`` has none, and ``cost`` no conditions.
+        against: what arms are compared with: a number in ``cells``, another arm in ``cost``.
+        quantity: column of ``cost``.
+        down: whether the claim says that the difference is negative.
+
+    Raises:
+        UserError: the table has no such row.
+    """
+    rows, table, sign = read_table(path), path.stem, -1.0 if down else 1.0
+    column = {"cells": "arm", "cost": "arm", "recorded": "name"}.get(table, "contrast")
+
+    def row(**wanted: str) -> Row:
+        found = next((row for row in rows if all(row.get(key) == value for key, value in wanted.items())), None)
+        if found is None:
+            told = " ".join(f"{key}={value}" for key, value in wanted.items())
+            there = ", ".join(dict.fromkeys(str(row.get(column)) for row in rows))
+            raise UserError(f"{path} has no row {told}", f"Its {column}s: {there}.")
+        return found
+
+    for name in names:
+        if table == "recorded":
+            yield Evidence(name, _recorded(row(name=name), sign))
+            continue
+        for setting in settings:
+            place = name if setting == "-" else f"{name}, {setting}"
+            if table == "cost":
+                ratio = _number(row(arm=name, setting=setting)[quantity])
+                ratio /= _number(row(arm=str(against), setting=setting)[quantity])
+                extra = round(sign * 100 * (ratio - 1), ROUNDING) + 0.0  # and -0.0 is 0.0
+                yield Evidence(place, Estimate(extra, 0.0, math.inf, 0, counted=True))
+                continue
+            for condition in conditions:
+                found = row(**{column: name, "setting": setting, "condition": condition})
+                label = place if condition == "test" else f"{place}, {condition}"
+                yield Evidence(label, _estimate(found, rows, sign, against))
+
+
+def _estimate(row: Row, rows: Sequence[Row], sign: float, against: float | str) -> Estimate:
+    if not row["mean"]:  # no pair of runs converged
+        return Estimate(math.nan, math.nan, 0, 0)
+    mean = sign * (_number(row["mean"]) - (against if isinstance(against, float) else 0.0))
+    if "freedom" in row:  # of Welch's test; its seeds are those of the group that has fewest in any stratum
+        low, high, freedom = (_number(row[key]) for key in ("low", "high", "freedom"))
+        error = (high - low) / 2 / float(stats.t.ppf(1 - TAIL, freedom))
+        alike = [other for other in rows if other["condition"] == row["condition"] and other["setting"] != "together"]
+        seeds = min(int(other["treatment"]) for other in alike or [row])
+        return Estimate(mean, error, freedom, seeds)
+    floor = row.get("floor_mean") or "0"
+    return Estimate.of_pairs(mean, _number(row["spread"]), int(row["seeds"]), _number(floor))
+
+
+def _recorded(row: Row, sign: float) -> Estimate:
+    mean = round(sign * (_number(row["mean"]) - _number(row["against"])), ROUNDING)
+    if row["seeds"] == COUNTED:
+        return Estimate(mean, 0.0, math.inf, 0, counted=True)
+    seeds = int(row["seeds"])
+    if not row["low"]:
+        return Estimate(mean, math.nan, seeds - 1, seeds)
+    ends = sorted(round(sign * (_number(row[end]) - _number(row["against"])), ROUNDING) for end in ("low", "high"))
+    return Estimate(mean, math.nan, seeds - 1, seeds, known=(ends[0], ends[1]))
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", ""))

@@ -1,0 +1,217 @@
+"""The board of claims follows from the stored results, and agrees with the chapters' pages."""
+
+import csv
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sextant import cli
+from sextant.composing.config_files import read_config_file
+from sextant.config.schema.claims import Claim
+from sextant.data.worlds.office_walk import OfficeWalkPlan
+from sextant.errors import UserError
+from sextant.lifecycle import claims as life
+from sextant.lifecycle.claims import Tables, check_digests, decide_claims, read_claims, run_claims, sweep_arguments
+from sextant.lifecycle.sweep_plan import read_design
+from sextant.reports.claims_board import seeds_told
+from sextant.runs.outputs_folder import conf_dir
+
+DOCS = Path(__file__).parents[2] / "docs"
+CLAIMS = read_claims()
+RECORDED = list(csv.DictReader((DOCS / "claims" / "recorded.csv").open(encoding="utf-8")))
+QUICK = sorted(
+    path.stem for path in (conf_dir() / "sweep").glob("*.yaml") if "quick" in read_config_file(path)["sweep"]
+)
+DEMO = {
+    "chapter": 7,
+    "sentence": "Push-pull helps on digit scans.",
+    "published": "nothing",
+    "page": "push_pull.md",
+    "unit": "points of accuracy",
+    "matters": 1.0,
+    "reason": "one image in a hundred",
+    "runs": "none",
+    "parts": [
+        {"sweep": "demo", "stored": "demo", "names": ["effect"], "settings": ["lenet_a"], "conditions": ["clean"]}
+    ],
+}
+
+
+def decided(docs=DOCS, **claims):
+    return decide_claims(claims or CLAIMS, Tables(docs))
+
+
+def demo(**changes):
+    return Claim.model_validate(DEMO | changes)
+
+
+def stored_pairs(folder, *differences, seeds=8):
+    """A stored table of the demo's contrast in one setting for each of its names."""
+    (folder / "demo").mkdir(exist_ok=True)
+    rows = [f"effect,{setting},clean,{seeds},{mean},{spread},-0.1" for setting, mean, spread in differences]
+    text = "contrast,setting,condition,seeds,mean,spread,floor_mean\n" + "\n".join(rows) + "\n"
+    (folder / "demo" / "contrasts.csv").write_text(text)
+    return folder
+
+
+def test_the_board_is_written_again_byte_for_byte(tmp_path, capsys):
+    cli.run("claims", [f"output={tmp_path}"])
+    written = {path.relative_to(tmp_path) for path in tmp_path.rglob("*.*")}
+    assert written == {Path("claims.md"), *(Path("claims") / f"{name}.svg" for name in CLAIMS)}
+    for name in written:
+        assert (tmp_path / name).read_bytes() == (DOCS / name).read_bytes(), f"{name}: run sextant claims"
+    assert "push_pull_clean" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("claim", decided(), ids=lambda claim: claim.name)
+def test_a_chapters_page_says_the_verdict_of_the_board(claim):
+    said = re.findall(rf"\[(\w+)\]\(claims\.md#{claim.name}\)", (DOCS / claim.page).read_text(encoding="utf-8"))
+    assert set(said) == {claim.verdict}
+    assert f'<a name="{claim.name}"></a>' in (DOCS / "claims.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("row", RECORDED, ids=lambda row: row["name"])
+def test_what_is_recorded_stands_where_it_says(row):
+    page, _, told = row["source"].partition(": ")
+    text = (DOCS.parent / page).read_text(encoding="utf-8").replace("**", "")
+    if row["name"].startswith("four_parameters"):
+        ours, constant = re.findall(r"\d+\.\d+", told)
+        assert ours in text
+        assert constant in text
+        assert float(row["mean"]) == pytest.approx(100 * float(ours) / float(constant), abs=0.05)
+        return
+    wanted = [row[key] for key in ("mean", "low", "high") if row[key] not in ("", "0")]
+    if row["name"] == "compact/bytes":
+        wanted = ["512 bytes per descriptor"]
+    assert all(value in text for value in wanted)
+
+
+def test_the_nearest_pose_of_a_thinned_map_is_as_far_as_recorded():
+    config = read_config_file(conf_dir() / "dataset" / "office_walk.yaml")
+    del config["_target_"]
+    mapped, _, test = OfficeWalkPlan("office_walk", config, config["conditions"], config["samples"])._drives
+    rng = np.random.default_rng(0)
+    kept = [np.sort(rng.choice(len(mapped), len(mapped) // 10, replace=False)) for _ in range(100)]
+    nearest = [np.median(cKDTree(mapped[rows, :2]).query(test[:, :2])[0]) for rows in kept]
+    against = {float(row["against"]) for row in RECORDED if row["name"].startswith("any_pose")}
+    assert against == {0.20}
+    assert np.mean(nearest) >= 0.20  # so that the claim is not made easier
+
+
+def test_changed_results_are_refused(tmp_path):
+    docs = shutil.copytree(DOCS, tmp_path / "docs")
+    check_digests(CLAIMS, docs)
+    path = docs / "places" / "loss" / "contrasts.csv"
+    path.write_text(path.read_text().replace("-5.265625", "+5.265625"))
+    with pytest.raises(UserError, match=r"places/loss/contrasts\.csv does not match its digest"):
+        check_digests(CLAIMS, docs)
+    path.unlink()
+    with pytest.raises(UserError, match=r"places/loss/contrasts\.csv is not there"):
+        check_digests(CLAIMS, docs)
+
+
+def test_a_claim_needs_arms_and_rows_that_are_there(tmp_path):
+    part = DEMO["parts"][0]
+    stored_pairs(tmp_path, ("lenet_a", 3.0, 1.0))
+    with pytest.raises(UserError, match="claim demo needs contrast gone, which sweep=demo lacks"):
+        decided(tmp_path, demo=demo(parts=[part | {"names": ["gone"]}]))
+    cost = {"table": "cost", "names": ["push_pull"], "against": "gone", "quantity": "ratio"}
+    with pytest.raises(UserError, match="claim demo needs arm gone, which sweep=demo lacks"):
+        decided(tmp_path, demo=demo(parts=[part | cost]))
+    with pytest.raises(UserError, match="has no row contrast=effect setting=lenet_b"):
+        decided(tmp_path, demo=demo(parts=[part | {"settings": ["lenet_b"]}]))
+    with pytest.raises(UserError, match="there is no sweep gone"):
+        decided(tmp_path, demo=demo(parts=[part | {"sweep": "gone"}]))
+
+
+def test_seeds_too_few_are_undecided_and_say_how_many_more(tmp_path):
+    stored_pairs(tmp_path, ("lenet_a", 3.0, 0.1), seeds=3)
+    (claim,) = decided(tmp_path, demo=demo())
+    assert claim.verdict == "undecided"
+    assert seeds_told(claim.deciding, claim.verdict) == "3; at least 5 more needed"
+
+
+def test_a_table_without_a_pair_that_converged_is_undecided(tmp_path):
+    stored_pairs(tmp_path, ("lenet_a", "", ""), seeds="")
+    (claim,) = decided(tmp_path, demo=demo())
+    assert (claim.verdict, claim.deciding.effect()) == ("undecided", "–")
+
+
+@pytest.mark.parametrize(
+    ("direction", "expects", "verdict"),
+    [("up", "better", "holds"), ("down", "better", "fails"), ("down", "as_good", "fails"), ("up", "same", "fails")],
+)
+def test_the_direction_of_a_claim_counts(tmp_path, direction, expects, verdict):
+    stored_pairs(tmp_path, ("lenet_a", 3.0, 0.5))
+    part = DEMO["parts"][0] | {"direction": direction, "expects": expects}
+    assert [claim.verdict for claim in decided(tmp_path, demo=demo(parts=[part]))] == [verdict]
+
+
+def test_what_stands_beside_a_claim_does_not_decide_it(tmp_path):
+    stored_pairs(tmp_path, ("lenet_a", 3.0, 0.5), ("lenet_b", -3.0, 0.5))
+    part = DEMO["parts"][0]
+    (claim,) = decided(tmp_path, demo=demo(parts=[part, part | {"settings": ["lenet_b"], "beside": True}]))
+    assert (claim.verdict, len(claim.comparisons), len(claim.counting)) == ("holds", 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"matters": -1}, "matters"),
+        ({"sentense": "x"}, "sentense"),
+        ({"parts": []}, "parts"),
+        ({"parts": [DEMO["parts"][0] | {"beside": True}]}, "nothing decides it"),
+        ({"parts": [DEMO["parts"][0] | {"table": "cells"}]}, "needs against"),
+        ({"parts": [DEMO["parts"][0] | {"expects": "much better"}]}, "expects"),
+    ],
+)
+def test_a_wrong_claim_is_reported_with_its_file(changes, said, tmp_path, monkeypatch):
+    (tmp_path / "claim").mkdir()
+    (tmp_path / "claim" / "mine.yaml").write_text(str(DEMO | changes).replace("True", "true"))
+    monkeypatch.setattr(life, "conf_dir", lambda: tmp_path)
+    with pytest.raises(UserError, match=rf"mine\.yaml.*{said}"):
+        read_claims()
+
+
+def test_a_misspelt_claim_is_answered_with_the_nearest():
+    with pytest.raises(UserError, match="Did you mean places_mining"):
+        read_claims("place_mining")
+
+
+@pytest.mark.parametrize("sweep", QUICK)
+def test_a_quick_sweep_has_eight_seeds_and_what_its_claims_need(sweep):
+    parts = [part for claim in CLAIMS.values() for part in claim.parts if part.sweep == sweep and not part.beside]
+    design = read_design(sweep_arguments(sweep, parts, "quick"))
+    assert len(design.seeds) == 8
+    there = {*design.arms, *design.definition["contrasts"]}
+    assert {name for part in parts for name in part.names} <= there
+    assert set(design.arms) <= {
+        arm for contrast in design.definition["contrasts"].values() for arm in contrast.values()
+    }
+
+
+@pytest.mark.slow
+def test_a_preset_runs_what_is_missing_and_decides_from_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path))
+    small = ["trainer=fast", "trainer.batch_size=64", "corruption=none", "tracking=none"]
+    definition = {**life._definition("demo"), "quick": [*small, "backbone=lenet_a", "sweep.seeds=1"]}
+    monkeypatch.setattr(life, "_definition", lambda sweep: definition)
+    claims = {"demo": demo()}
+    tables = run_claims(claims, "quick", DOCS, ["launcher=local"])
+    (claim,) = decide_claims(claims, tables)
+    assert (claim.verdict, tables.left_out) == ("undecided", {})
+    page = life.write_board(claims, tables, tmp_path / "board", "sextant claims preset=quick").read_text()
+    more = 8 - claim.deciding.estimate.seeds  # 1, or 0 if so short a training left a network at chance
+    assert f"at least {more} more needed" in page
+
+
+def test_a_preset_says_what_it_cannot_run(tmp_path):
+    claims = {"cosfire_mnist_9949": CLAIMS["cosfire_mnist_9949"]}
+    tables = run_claims(claims, "quick", DOCS)
+    assert decide_claims(claims, tables) == []
+    page = life.write_board(claims, tables, tmp_path, "sextant claims preset=quick").read_text()
+    assert "`cosfire_mnist_9949`: sweep=cosfire_mnist_full has no quick form" in page
