@@ -10,9 +10,9 @@ import pytest
 from tiny_office import office_run
 
 from sextant import Localizer
+from sextant.applications.localization import written_poses
+from sextant.applications.localization.written_poses import Replay
 from sextant.cli import predict
-from sextant.cli.localizing import written_files
-from sextant.cli.localizing.written_files import Replay
 from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.pose_formats import read_tum, write_tum
 from sextant.errors import UserError
@@ -159,7 +159,7 @@ def test_a_moved_map_alone_one_particle_and_a_replay(office, photos, tmp_path):
 def test_a_replay_of_a_long_run_keeps_few_frames_evenly(monkeypatch):
     import torch
 
-    monkeypatch.setattr(written_files, "MOST_FRAMES", 8)
+    monkeypatch.setattr(written_poses, "MOST_FRAMES", 8)
     replay, belief = Replay(), Belief.uniform(torch.zeros(1, 2, 3, dtype=torch.float64))
     for step in range(100):
         replay.add(step, belief)

@@ -16,9 +16,9 @@ from sextant.cli.cosfire_detection.inputs import DetectionInputs
 from sextant.cli.cosfire_detection.telling import tell
 from sextant.cli.cosfire_detection.written_files import write_detections
 from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.photo_calibration.file_names import file_stems
 from sextant.cli.skipped_files import skipped_of
 from sextant.cli.work_progress import work_progress
+from sextant.data.photos.file_stems import file_stems
 from sextant.errors import UserError
 from sextant.figures.cosfire.filter import cosfire_filter
 from sextant.figures.cosfire.responses import cosfire_responses

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from sextant.applications.localization.localizer import Localizer
+from sextant.applications.localization.written_poses import Replay, Row, draw_trajectory, write_poses
 from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
-from sextant.cli.localizing.written_files import Replay, Row, draw_trajectory, write_poses
 from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress

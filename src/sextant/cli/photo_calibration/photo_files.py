@@ -14,9 +14,9 @@ from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.failures import FailedPhoto
 from sextant.atomic_files import write_atomically, write_json
 from sextant.cli.output_folder import telling_write_errors
-from sextant.cli.photo_calibration.file_names import file_stems
 from sextant.cli.photo_calibration.options import Undistort
 from sextant.data.photos import Keep, read_photo
+from sextant.data.photos.file_stems import file_stems
 from sextant.figures.calibration.overlay import LONGEST_SIDE, CalibratedPhoto, calibration_overlay
 from sextant.figures.style import save_figure
 

@@ -11,9 +11,6 @@ from numpy import ndarray
 from sextant.applications.localization.localizer import LocalizedPose
 from sextant.atomic_files import write_csv
 from sextant.data.localization.pose_formats import write_tum
-from sextant.figures.localization.particle_map import ESTIMATE, ParticleFrame, draw_map, map_height
-from sextant.figures.localization.particle_replay import particle_replay
-from sextant.figures.style import new_figure, save_figure
 from sextant.localization.belief import Belief
 
 COLUMNS = (
@@ -56,6 +53,9 @@ class Replay:
         Raises:
             UserError: OpenCV cannot write MP4 here.
         """
+        from sextant.figures.localization.particle_map import ParticleFrame
+        from sextant.figures.localization.particle_replay import particle_replay
+
         frames = (
             ParticleFrame(
                 poses.astype(np.float64),
@@ -84,6 +84,9 @@ def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Pat
 
 def draw_trajectory(rows: Sequence[Row], positions: Float64[ndarray, "n 2"], output: Path, unit: str = "m") -> None:
     """``trajectory.png``: the way over the map; where the localizer says that it is lost, dots without a line."""
+    from sextant.figures.localization.particle_map import ESTIMATE, draw_map, map_height
+    from sextant.figures.style import new_figure, save_figure
+
     figure, (axes,) = new_figure(6.0, map_height(positions, 6.0))
     draw_map(axes, positions, unit)
     figure.legends.clear()
