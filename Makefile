@@ -18,6 +18,12 @@ test: $(READY) ## the test suite but its slow tests, on every core
 test-all: $(READY) ## the whole test suite, on every core
 	$(BIN)/python -m pytest -n auto
 
+test-cluster: $(READY) ## sweeps on a SLURM of two nodes, on Ray, with PostgreSQL, all on this machine; installs Debian packages if you are root
+	@{ command -v slurmctld && command -v sbatch && ls /usr/lib/postgresql; } >/dev/null 2>&1 || if [ "$$(id -u)" = 0 ]; \
+	  then apt-get install -y --no-install-recommends slurm-wlm postgresql; \
+	  else echo "Install them first: sudo apt-get install --no-install-recommends slurm-wlm postgresql"; exit 1; fi
+	$(BIN)/python -m pytest -n 0 -m cluster --durations=0
+
 lint: $(READY) ## style, types of the functional core, layers
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -53,4 +59,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help run test test-all lint sweep-demo worlds-gallery report dashboard bench lock clean
+.PHONY: help run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench lock clean

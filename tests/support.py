@@ -2,6 +2,7 @@
 
 import errno
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,24 @@ QUICK = (
     "tracking.system_metrics=false",
 )
 
+CHECKPOINT = "runs/*/*/checkpoints/last.ckpt"
+
 
 def quick_config(outputs: Path, *overrides: str) -> dict[str, Any]:
     """The plain config of a quick run that writes to ``outputs``."""
     return to_plain(compose([*QUICK, f"paths.outputs={outputs}", *overrides]))
+
+
+def traces(outputs, pattern):
+    """The files of a pattern, each with when it was written."""
+    return {(path, path.stat().st_mtime_ns) for path in outputs.glob(pattern)}
+
+
+def wait_for(outputs, pattern, ended):
+    """Wait until a file of the pattern is written anew, or all has ended."""
+    before = traces(outputs, pattern)
+    while traces(outputs, pattern) <= before and not ended():
+        time.sleep(0.01)
 
 
 def fill_disk(monkeypatch, name):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from support import QUICK, heeds_signals, quick_config
+from support import CHECKPOINT, QUICK, heeds_signals, quick_config, wait_for
 
 from sextant.lifecycle.execute import execute
 from sextant.runs.directory import RunDirectory, all_runs
@@ -20,7 +20,6 @@ from sextant.tracking.store import open_store
 
 ROOT = Path(__file__).parents[2]
 KILLS = 10
-CHECKPOINT = "runs/*/*/checkpoints/last.ckpt"
 HAS_BEGUN_A_RUN = 200e6  # bytes: it has imported torch. A worker without a task yet is joblib's and idles on.
 
 
@@ -37,18 +36,6 @@ def intact(outputs):
 def tracked(outputs):
     store = open_store("sqlite", None, outputs)
     return store.client.search_runs([store.experiment_id("classification")])
-
-
-def traces(outputs, pattern):
-    """The files of a pattern, each with when it was written."""
-    return {(path, path.stat().st_mtime_ns) for path in outputs.glob(pattern)}
-
-
-def wait_for(outputs, pattern, ended):
-    """Wait until a file of the pattern is written anew, or all has ended."""
-    before = traces(outputs, pattern)
-    while traces(outputs, pattern) <= before and not ended():
-        time.sleep(0.01)
 
 
 @pytest.mark.slow

@@ -132,11 +132,11 @@ def delete_runs(outputs: Path, run_ids: Sequence[str]) -> None:
             client.delete_run(run_id)
 
 
-def require_server(uri: str, timeout_s: float = 3.0) -> None:
+def require_server(uri: str, timeout_s: float = 30.0) -> None:
     """Ask an MLflow server whether it is there.
 
     Raises:
-        UserError: it does not answer within ``timeout_s``.
+        UserError: it does not answer within ``timeout_s``; one that many write to at once may take its time.
     """
     try:
         urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=timeout_s).close()

@@ -47,7 +47,7 @@ PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP OverSubscribe
 """
 
 
-def missing():
+def missing_programs():
     """The commands of SLURM that are not here."""
     return [command for command in NEEDED if shutil.which(command) is None]
 
