@@ -18,14 +18,14 @@ from sextant.atomic_files import write_json
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.lifecycle.execute import run_once
-from sextant.lifecycle.launchers import require_launcher
+from sextant.lifecycle.launchers import require_store
 from sextant.runs.directory import RunDirectory, RunKey, all_runs
 from sextant.tracking.environment import quiet_libraries
 from sextant.tracking.logger import RunLogger
 from sextant.tracking.refill import refill
 from sextant.tracking.store import open_store
 
-pytestmark = [pytest.mark.cluster, pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.timeout(900)
 ROOT = Path(__file__).parents[2]
 WRITERS, STEPS = 16, 400
 
@@ -140,12 +140,16 @@ def require_all(outputs, server):
         assert {"config.yaml", "metrics.json"} <= {file.path for file in store.client.list_artifacts(run.info.run_id)}
 
 
+@pytest.mark.cluster
+@pytest.mark.slow
 def test_sixteen_writers_lose_nothing(server, tmp_path):
     outputs = tmp_path / "outputs"
     write_sixteen(outputs, server, lambda: None)
     require_all(outputs, server)
 
 
+@pytest.mark.cluster
+@pytest.mark.slow
 def test_a_server_that_is_killed_twice_has_everything_in_the_end(server, tmp_path):
     outputs = tmp_path / "outputs"
     killed = []
@@ -166,4 +170,15 @@ def test_a_server_that_is_killed_twice_has_everything_in_the_end(server, tmp_pat
 @pytest.mark.parametrize("launcher", [["launcher=slurm"], ["launcher=ray", "launcher.address=auto"]])
 def test_an_embedded_store_across_hosts_is_refused_with_the_remedy(launcher, tmp_path):
     with pytest.raises(UserError, match=r"tracking=sqlite: hosts cannot share an sqlite database(.|\n)*compose up"):
-        require_launcher(validate(quick_config(tmp_path, *launcher)))
+        require_store(validate(quick_config(tmp_path, *launcher)))
+
+
+def test_the_page_tells_the_command_of_compose_yaml():
+    page = (ROOT / "docs" / "clusters.md").read_text().replace("\\\n", " ")
+    told = next(shlex.split(line) for line in page.splitlines() if line.startswith("mlflow server"))
+    compose = yaml.safe_load((ROOT / "compose.yaml").read_text())
+    run = shlex.split(compose["services"]["mlflow"]["command"][-1].partition("exec ")[2])
+    options = [word for word in run if word.startswith("--")]
+    assert options == [word for word in told if word.startswith("--")]
+    for option in ("--host", "--port", "--workers", "--artifacts-destination"):
+        assert told[told.index(option) + 1] == run[run.index(option) + 1]

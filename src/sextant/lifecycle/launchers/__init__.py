@@ -9,7 +9,7 @@ from sextant.errors import UserError
 from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes, run_here
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 
-__all__ = ["CellTask", "launch", "require_launcher"]
+__all__ = ["CellTask", "launch", "require_launcher", "require_store"]
 
 
 def launch(
@@ -63,6 +63,12 @@ def require_launcher(config: Config) -> None:
         require_commands(launcher)
     if isinstance(launcher, RayLauncher):
         _require_package("ray", "ray")
+    require_store(config)
+
+
+def require_store(config: Config) -> None:
+    """Raise a ``UserError`` if the runs of a sweep would write to an sqlite database from several hosts."""
+    launcher = config.launcher
     here = isinstance(launcher, RayLauncher) and launcher.address is None
     if launcher.kind in ("slurm", "ray") and not here and config.tracking.kind == "sqlite":
         raise UserError(
