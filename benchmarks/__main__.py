@@ -9,7 +9,7 @@ from rich.table import Table
 from benchmarks.machine import describe_machine
 
 NAMES = (
-    *("start_up", "training_loop", "skip_cell", "worlds", "crops", "photos"),
+    *("start_up", "training_loop", "skip_cell", "sweep_size", "launchers", "worlds", "crops", "photos"),
     *("push_pull", "corruptions", "retrieval", "describe", "cosfire"),
     *("local_gp", "particle_filter", "localization"),
 )

@@ -1,20 +1,27 @@
 """Composing a config with Hydra."""
 
-from collections.abc import Sequence
-from contextlib import nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
+from copy import deepcopy
 from typing import Any
 
 import yaml
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from sextant.composing.config_files import search_path, unreadable_config_file
+from sextant.composing.config_files import groups, search_path, unreadable_config_file
 from sextant.composing.override_mistakes import COMPOSING, explain
+from sextant.composing.overrides import parse
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import conf_dir, default_outputs
+
+#: what choices of options compose, for as long as :func:`composing_many` is open
+_KEPT: ContextVar[dict[tuple[str, ...], DictConfig] | None] = ContextVar("kept compositions", default=None)
 
 
 def register_resolvers() -> None:
@@ -33,11 +40,39 @@ def compose(overrides: Sequence[str], name: str = "train") -> DictConfig:
     inside_hydra = GlobalHydra.instance().is_initialized()
     with nullcontext() if inside_hydra else initialize_config_dir(str(conf_dir()), version_base="1.3"):
         try:
-            return hydra_compose(name, overrides=[*overrides, *search_path()])
+            return _composed([*overrides, *search_path()], name)
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise unreadable_config_file() or UserError(f"a config file cannot be read: {error}") from None
         except COMPOSING as error:
             raise explain(error, overrides, name) from None
+
+
+@contextmanager
+def composing_many() -> Iterator[None]:
+    """Let :func:`compose` read the files of each choice of options once; setting other values then takes little.
+
+    The files must not change meanwhile.
+    """
+    before = _KEPT.set({} if _KEPT.get() is None else _KEPT.get())
+    try:
+        yield
+    finally:
+        _KEPT.reset(before)
+
+
+def _composed(overrides: Sequence[str], name: str) -> DictConfig:
+    kept = _KEPT.get()
+    if kept is None:
+        return hydra_compose(name, overrides=list(overrides))
+    known = groups()
+    parsed = parse(overrides)
+    values = [each for each in parsed if each.key not in known and not each.key.startswith("hydra")]
+    choices = [each.text for each in parsed if each not in values]
+    if (key := (name, *choices)) not in kept:
+        kept[key] = hydra_compose(name, overrides=choices)
+    config = deepcopy(kept[key])
+    ConfigLoaderImpl._apply_overrides_to_config([each.parsed for each in values], config)
+    return config
 
 
 def to_plain(config: DictConfig) -> dict[str, Any]:

@@ -57,12 +57,10 @@ class Outcome:
         return {name: math.nan if value is None else value for name, value in found.items()}
 
 
-def run_key(config: Config, source: Source, seed: int | None = None) -> RunKey:
-    """Identity of the run that a config describes, with another seed if one is given."""
+def run_key(config: Config, source: Source) -> RunKey:
+    """Identity of the run that a config describes."""
     code = source_sha256(config.custom_targets())
-    return RunKey(
-        config.task.name, run_digest(config), config.seed if seed is None else seed, code, source.fingerprint()
-    )
+    return RunKey(config.task.name, run_digest(config), config.seed, code, source.fingerprint())
 
 
 def run_digest(config: Config) -> str:

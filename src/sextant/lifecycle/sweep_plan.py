@@ -3,11 +3,11 @@
 import itertools
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sextant.composing.compose import compose, to_plain
+from sextant.composing.compose import compose, composing_many, to_plain
 from sextant.composing.overrides import parse
 from sextant.config import Config, validate
 from sextant.errors import UserError
@@ -59,9 +59,9 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
     design = read_design(arguments)
     planned: list[Planned] = []
     first: Config | None = None
-    for values in itertools.product(*design.factors.values()):
-        setting = dict(zip(design.factors, values, strict=True))
-        for arm in design.arms:
+    with composing_many():
+        for values, arm in itertools.product(itertools.product(*design.factors.values()), design.arms):
+            setting = dict(zip(design.factors, values, strict=True))
             overrides, config = cell_config(design, setting, arm)
             if first is None:
                 require_environment(config, reporter)
@@ -97,11 +97,13 @@ def _over_seeds(
     source, outputs = recipe_of(config.task.name, reporter).source(config), Path(config.paths.outputs)
     planned = []
     follows_seed = any("${seed}" in override for override in overrides)
+    key = run_key(config, source)
     for pair, number in enumerate(design.seeds):
         seed = number + design.arms[arm][1]
         if follows_seed:
             config = validate(to_plain(compose([*overrides, f"seed={seed}"])))
-        key = run_key(config, source, seed)
+            key = run_key(config, source)
+        key = replace(key, seed=seed)
         found = claim(outputs, key, config.reuse)
         run = found.directory.path.relative_to(outputs).as_posix()
         cell = Cell(setting, arm, pair, key.seed, key.digest, run)
@@ -183,7 +185,8 @@ def check_sweep_overrides(overrides: Sequence[str]) -> None:
             raise UserError(f"{override.text}: not Hydra's launchers run sweeps", "launcher=joblib launcher.workers=4")
     choices = [[f"{o.key}={choice}" for choice in o.choices()] if o.sweeps else [o.text] for o in parsed]
     first = [options[0] for options in choices]
-    compose(first)
-    for number, options in enumerate(choices):
-        for option in options[1:]:
-            compose([*first[:number], option, *first[number + 1 :]])
+    with composing_many():
+        compose(first)
+        for number, options in enumerate(choices):
+            for option in options[1:]:
+                compose([*first[:number], option, *first[number + 1 :]])

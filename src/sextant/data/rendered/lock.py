@@ -1,15 +1,13 @@
-"""One process at a time writes to a store."""
+"""One process at a time writes to a store, on however many hosts."""
 
-import os
-import socket
 import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
-from filelock import BaseFileLock, FileLock, Timeout
-
 from sextant.data.rendered.disk import reporting_disk_errors
+from sextant.lease import Holder, take
 
 Notify = Callable[[str], None]
 POLL_S = 0.2
@@ -22,7 +20,7 @@ def notify_stderr(message: str) -> None:
 
 @contextmanager
 def store_lock(directory: Path, ready: Callable[[], bool], notify: Notify) -> Iterator[bool]:
-    """Hold the lock of the store at ``directory``; the system frees it when the process ends, however it ends.
+    """Hold the lock of the store at ``directory``; it is free when the process ends, however it ends.
 
     While another process holds it, waits, and says once for whom.
 
@@ -37,41 +35,20 @@ def store_lock(directory: Path, ready: Callable[[], bool], notify: Notify) -> It
     Raises:
         UserError: the lock cannot be written.
     """
-    locks = directory.parent / ".locks"
-    with reporting_disk_errors(directory.parent, lambda: 0):
-        locks.mkdir(parents=True, exist_ok=True)
-    owner = locks / f"{directory.name}.owner"
-    lock = FileLock(locks / f"{directory.name}.lock", thread_local=False)
-    held, told = False, False
+    told = False
     while True:
         with reporting_disk_errors(directory.parent, lambda: 0):
-            held = _acquired(lock, POLL_S if told else 0)
-        if held:
+            lease = take(directory.parent / ".locks" / directory.name)
+        if not isinstance(lease, Holder):
             break
         if not told:
-            notify(f"waiting for {_read(owner)}, which is rendering {directory.name}")
+            notify(f"waiting for {lease}, which is rendering {directory.name}")
             told = True
         if ready():
-            break
+            yield False
+            return
+        time.sleep(POLL_S)
     try:
-        if held:
-            with suppress(OSError):  # who holds it is a courtesy; a full disk must not keep anyone from reading
-                owner.write_text(f"process {os.getpid()} on {socket.gethostname()}")
-        yield held
+        yield True
     finally:
-        if held:
-            lock.release()
-
-
-def _acquired(lock: BaseFileLock, timeout: float) -> bool:
-    try:
-        lock.acquire(timeout=timeout)
-    except Timeout:
-        return False
-    return True
-
-
-def _read(owner: Path) -> str:
-    with suppress(OSError):
-        return owner.read_text() or "another process"
-    return "another process"
+        lease.release()
