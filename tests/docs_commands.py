@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from sextant import cli
-from sextant.cli import claims, corruptions_make, dashboard, gallery, predict, report, train
+from sextant.cli import claims, corruptions_make, dashboard, data, gallery, predict, report, train
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.cli.evaluate import split_run
@@ -144,8 +144,8 @@ def _data(command: Command, words: list[str]) -> None:
     verb, *rest = words
     _among("sextant data", verb, ["list", "render", "verify", "gallery"])
     if verb == "render":
-        raw = to_plain(compose(rest))
-        checked(raw)
+        _, overrides = data.render_options(rest)
+        checked(to_plain(compose(overrides)))
     elif verb == "gallery":
         parse_arguments(rest, gallery.GalleryOptions.meanings(), command.text)
 

@@ -160,3 +160,18 @@ def test_nothing_heavy_is_imported(tmp_path):
     command = [sys.executable, "-c", code, "render", *TOY]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines()[-1] == "[]", done.stderr
+
+
+def test_shards_are_rendered_apart_and_put_together(data, tmp_path):
+    assert data("render", *TOY, "shards=2", "shard=0")[0] == 0
+    status, said = data("render", *TOY, "shards=2")
+    assert (status, "shard 1 lacks 3 of 3 chunks" in said) == (2, True)
+    assert data("render", *TOY, "shards=2", "shard=1")[0] == 0
+    assert data("render", *TOY, "shards=2")[0] == 0
+    open_store(ToyPlan(), tmp_path / "whole").fill()
+    merged, whole = (next((tmp_path / folder).glob("toy-*")) for folder in ("data", "whole"))
+    assert (merged / "image.npy").read_bytes() == (whole / "image.npy").read_bytes()
+    for wrong, told in ((["shards=2", "shard=2"], "there are shards 0 to 1"), (["shard=1"], "shards= is missing")):
+        status, said = data("render", *TOY, *wrong)
+        assert status == 2
+        assert told in said

@@ -23,10 +23,10 @@ from sextant.recipes.assemble import build_dataset
 from sextant.runs.outputs_folder import conf_dir
 
 if TYPE_CHECKING:
-    from sextant.data.rendered import RenderPlan, StoreReport
+    from sextant.data.rendered import Progress, RenderedStore, RenderPlan, StoreReport
 
 USAGE = """sextant data list
-sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2]
+sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2] [shards=3 [shard=0]]
 sextant data verify <store or its folder> [repair=true]
 sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"""
 LINE_S = 5.0
@@ -38,6 +38,12 @@ class RenderOptions(Options):
 
     threads: int = Field(ge=1, le=256, examples=[2])
     """that render"""
+
+    shards: int | None = Field(None, ge=1, le=10_000, examples=[3])
+    """parts that are rendered apart; without shard=, what was rendered of each is put together"""
+
+    shard: int | None = Field(None, ge=0, examples=[0])
+    """number of the part to render, from 0"""
 
 
 class VerifyOptions(Options):
@@ -95,18 +101,16 @@ def _state(path: Path) -> tuple[str, str]:
 
 
 def _render(arguments: list[str]) -> None:
-    threads, overrides = _threads(arguments)
+    options, overrides = render_options(arguments)
     if not any(override.startswith("dataset=") for override in overrides):
         raise UserError("which dataset? dataset= is missing", f"{_rendered_datasets()}\n\n{USAGE}")
     plan, cache = _plan(overrides)
-    from sextant.data.rendered import open_store
-
     began, state = time.monotonic(), "nothing"
     try:
-        store = open_store(plan, cache, notify=_notify)
+        store = _opened(plan, cache, options)
         state = f"{store.rendered:,} of {len(store):,}"
         with work_progress("rendering", "images") as progress:
-            made = store.fill(progress, threads)
+            made = _fill(store, plan, cache, options, progress)
     except KeyboardInterrupt:
         state = f"{store.rendered:,} of {len(store):,}" if state != "nothing" else state
         console.print(f"interrupted: {state} rendered; the same command resumes")
@@ -146,15 +150,37 @@ def _rendered_datasets() -> str:
     return f"Rendered datasets: {', '.join(names) or 'none yet'}"
 
 
-def _threads(arguments: Sequence[str]) -> tuple[int, list[str]]:
-    """The number of threads, of which the default is one a core, and the other arguments."""
-    overrides, threads = [], str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2)
+def _opened(plan: "RenderPlan", cache: Path, options: RenderOptions) -> "RenderedStore":
+    from sextant.data.rendered import open_shard, open_store
+
+    if options.shards is None or options.shard is None:
+        return open_store(plan, cache, notify=_notify)
+    return open_shard(plan, cache, options.shard, options.shards, notify=_notify)
+
+
+def _fill(store: "RenderedStore", plan: "RenderPlan", cache: Path, options: RenderOptions, progress: "Progress") -> int:
+    from sextant.data.rendered import chunks_of, merge_shards
+
+    if options.shards is None:
+        return store.fill(progress, options.threads)
+    if options.shard is None:
+        return merge_shards(plan, cache, options.shards, progress, threads=options.threads, notify=_notify)[1]
+    return store.fill(progress, options.threads, chunks=chunks_of(store, options.shard, options.shards))
+
+
+def render_options(arguments: Sequence[str]) -> tuple[RenderOptions, list[str]]:
+    """What is chosen of rendering, one thread a core unless said otherwise, and the other arguments."""
+    given = {"threads": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2)}
+    overrides = []
     for argument in arguments:
-        if argument.startswith("threads="):
-            threads = argument.removeprefix("threads=")
+        key, _, value = argument.partition("=")
+        if key in RenderOptions.fields():
+            given[key] = value
         else:
             overrides.append(argument)
-    return RenderOptions.of({"threads": threads}).threads, overrides
+    if "shard" in given and "shards" not in given:
+        raise UserError(f"shard={given['shard']}: of how many? shards= is missing", USAGE)
+    return RenderOptions.of(given), overrides
 
 
 def _shown(value: Any) -> str:

@@ -5,6 +5,7 @@ from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import ArraySpec, RenderPlan
 from sextant.data.rendered.progress import Progress, Showing, notify_every
 from sextant.data.rendered.repair import forget_chunks, repair_store
+from sextant.data.rendered.shards import chunks_of, merge_shards, open_shard
 from sextant.data.rendered.source import modules_sha256
 from sextant.data.rendered.splits import RenderedSource
 from sextant.data.rendered.store import RenderedStore, load_store, open_store
@@ -21,11 +22,14 @@ __all__ = [
     "RenderedStore",
     "Showing",
     "StoreReport",
+    "chunks_of",
     "forget_chunks",
     "load_store",
+    "merge_shards",
     "modules_sha256",
     "notify_every",
     "notify_stderr",
+    "open_shard",
     "open_store",
     "read_manifest",
     "repair_store",

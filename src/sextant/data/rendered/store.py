@@ -131,7 +131,12 @@ class RenderedStore:
         """Whether every item is on disk."""
         return bool(self._rendered.all()) or self.rendered == len(self)
 
-    def fill(self, progress: Progress | None = None, threads: int = 1) -> int:
+    def on_disk(self) -> ndarray:
+        """For each chunk whether it is rendered."""
+        self._refresh()
+        return self._rendered
+
+    def fill(self, progress: Progress | None = None, threads: int = 1, *, chunks: Sequence[int] | None = None) -> int:
         """Render what is missing and return how many items this process rendered.
 
         Waits while another process renders, and goes on if that one dies. Killed at any moment, it loses no more than
@@ -140,12 +145,14 @@ class RenderedStore:
         Args:
             progress: called with the number of items on disk and of all items, at first and after every chunk.
             threads: chunks that are rendered at a time; each of them is in memory. Any number gives the same bytes.
+            chunks: all of them unless given.
 
         Raises:
             DiskFullError: there is not enough space for the rest, or the disk filled up; what was rendered is kept.
             UserError: the folder cannot be written to.
         """
-        return self._render(range(self.manifest.grid.chunks), threads, progress or _ignore)
+        chosen = range(self.manifest.grid.chunks) if chunks is None else chunks
+        return self._render(chosen, threads, progress or _ignore)
 
     def read(self, array: str, indices: Indices) -> ndarray:
         """Items of one array, copied out of the file; chunks that are missing are rendered first.
