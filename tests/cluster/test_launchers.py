@@ -142,6 +142,7 @@ def test_ten_preemptions_a_dead_node_and_two_dead_controllers_change_nothing(tmp
     controller = start(outputs, *sweep, *cluster, environment=slurm.environment)
     rng, preempted = random.Random(0), 0
     while preempted < 10:
+        slurm.hurry()
         wait_for(outputs, CHECKPOINT, lambda p=controller: p.poll() is not None)
         assert controller.poll() is None
         running = slurm.ask("squeue", "--noheader", "--array", "--states=RUNNING", "--format=%i").split()
@@ -159,8 +160,10 @@ def test_ten_preemptions_a_dead_node_and_two_dead_controllers_change_nothing(tmp
             slurm.kill("n2")
         if preempted == 9:
             slurm.start_node("n2")
+    slurm.hurry()
     text, _ = controller.communicate()
     assert controller.returncode == 0, text
+    assert len(submissions(find_sweep("sweep", outputs))) > 1  # what was killed for good was submitted again
     assert found(outputs) == found(whole)
     assert len(found(outputs)) == 6
     assert tables(outputs) == tables(whole)

@@ -213,6 +213,7 @@ def _parameters(launcher: SlurmLauncher, name: str) -> dict[str, Any]:
     given: dict[str, Any] = {
         "job_name": name,
         "time": launcher.time_min,
+        "signal_delay_s": min(90, 15 * launcher.time_min),
         "nodes": 1,
         "ntasks_per_node": 1,
         "cpus_per_task": launcher.cpus,
