@@ -21,6 +21,7 @@ from sextant.localization.belief import Belief
 from sextant.localization.initialisation import Initialisation
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
+from sextant.localization.map_support import EvidenceOnMap, MapSupport
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.recovery import Injection, Recovery
@@ -76,6 +77,7 @@ class ParticleFilter:
         ess_threshold: resample below this share of the particles; 0 never, 1 whenever weights differ.
         kld: adapts the number of particles of each run; None keeps it. The arrays are then as wide as the largest run
             needs, and in the others the places beyond their own number have weight zero.
+        support: where the map tells anything; None asks the observation model everywhere.
 
     Raises:
         UserError: the threshold is not between 0 and 1.
@@ -88,6 +90,7 @@ class ParticleFilter:
     _: KW_ONLY
     ess_threshold: float = 0.5
     kld: KLDSize | None = None
+    support: MapSupport | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.ess_threshold <= 1:
@@ -141,7 +144,9 @@ class ParticleFilter:
         """
         belief = state.belief
         if motion is not None:
-            belief = Belief(self.motion.sample(belief.poses, motion, generator), belief.log_weights)
+            belief = self._moved(belief, self.motion.sample(belief.poses, motion, generator), evidence is None)
+        if evidence is not None and self.support is not None:
+            evidence = EvidenceOnMap(evidence, self.support)
         memory = state.memory
         runs = len(belief.log_weights)
         injected = torch.zeros(runs, dtype=torch.int64, device=belief.poses.device)
@@ -161,6 +166,13 @@ class ParticleFilter:
         particles = (belief.log_weights > -torch.inf).sum(1)
         step = FilterStep(ess, resampled, injected, log_evidence, particles, degenerate)
         return FilterState(belief, memory), step
+
+    def _moved(self, belief: Belief, poses: Tensor, normalise: bool) -> Belief:
+        """Where something is seen, weights stay as they are: restarts gain what a belief that left the map lost."""
+        if self.support is None:
+            return Belief(poses, belief.log_weights)
+        log_weights = belief.log_weights + self.support.log_change(belief.poses, poses)
+        return Belief(poses, log_weights - log_weights.logsumexp(1, keepdim=True) if normalise else log_weights)
 
     def _resampled(self, belief: Belief, ess: Tensor, generator: torch.Generator) -> tuple[Belief, Tensor]:
         width = belief.log_weights.shape[1]

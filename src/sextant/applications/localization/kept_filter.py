@@ -1,6 +1,5 @@
 """The settings of a filter as plain values, and back; only classes of Sextant are made of what a file names."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from types import ModuleType
@@ -12,14 +11,13 @@ from torch import Tensor
 from sextant.errors import UserError
 from sextant.localization import motion, recovery, resampling
 from sextant.localization.kld_size import KLDSize
-from sextant.localization.map_prior import MapPrior, half_spacing
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.map_support import MapSupport
 from sextant.localization.motion import ExponentialMotion, MotionModel
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
-#: of poses drawn about an image of the map
-HEADING_SIGMA = math.radians(10)
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 
 
@@ -27,7 +25,10 @@ def filter_values(filter: ParticleFilter) -> dict[str, Any]:
     """What a filter is made of, but for the poses of its prior. A part of the user's own becomes None."""
     values: dict[str, Any] = {name: _part(getattr(filter, name), package) for name, package in PACKAGES.items()}
     kld = None if filter.kld is None else asdict(filter.kld)
-    return values | {"ess_threshold": filter.ess_threshold, "kld": kld, "spread": list(filter.prior.sigmas)}
+    held = filter.support
+    support = None if held is None else [held.reach, held.heading_reach, held.leave, held.outliers]
+    values |= {"ess_threshold": filter.ess_threshold, "kld": kld, "support": support}
+    return values | {"spread": list(filter.prior.sigmas)}
 
 
 def filter_of(
@@ -45,6 +46,7 @@ def filter_of(
         KeyError, TypeError, ValueError: the values are damaged.
     """
     along, across, heading = (float(sigma) for sigma in values["spread"])
+    support = values.get("support")  # maps of before have none
     return ParticleFilter(
         motion or _made(values, "motion"),
         _made(values, "resampling"),
@@ -52,18 +54,37 @@ def filter_of(
         MapPrior(poses, (along, across), heading),
         ess_threshold=float(values["ess_threshold"]),
         kld=None if values["kld"] is None else KLDSize(**values["kld"]),
+        support=None if support is None else MapSupport(poses, *(float(value) for value in support)),
     )
 
 
 def usual_filter(
     poses: Float64[Tensor, "n 3"], *, motion: MotionModel | None = None, recovery: Recovery | None = None
 ) -> ParticleFilter:
-    """The filter of a map of which nothing else is known: the odometry of a small robot, and restarts."""
+    """The filter of a map of which nothing else is known: all its scales follow from the spacing of the map."""
+    support = MapSupport.of(poses)
     return ParticleFilter(
-        motion or ExponentialMotion((0.01, 0.01, 0.005), (0.004, 0.001, 0.002), (0.0, 0.001, 0.002)),
+        motion or usual_motion(2 * support.reach),
         SystematicResampling(),
         recovery or BayesRestart(weigh_jitter=True),
-        MapPrior(poses, half_spacing(poses), HEADING_SIGMA),
+        MapPrior(poses, support.reach, support.heading_reach),
+        support=support,
+    )
+
+
+def usual_radius(filter: ParticleFilter) -> float:
+    """Of a mode, in the unit of positions: 2.5 times the spacing of the map."""
+    assert filter.support is not None
+    return 5 * filter.support.reach
+
+
+def usual_motion(spacing: float) -> ExponentialMotion:
+    """Odometry that errs by a tenth over the spacing of a map, and is lost for about one such step at a time."""
+    return ExponentialMotion(
+        per_step=(0.01 * spacing, 0.01 * spacing, 0.005),
+        per_metre=(0.01 * spacing, 0.001 * spacing, 0.002 / max(1.0, spacing)),
+        per_radian=(0.0, 0.001 * spacing**2, 0.002),
+        unknown=(spacing, 0.2 * spacing, 0.1),
     )
 
 

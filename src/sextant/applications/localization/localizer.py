@@ -20,10 +20,11 @@ from numpy import ndarray
 from torch import Tensor
 
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor
-from sextant.applications.localization.kept_filter import usual_filter
+from sextant.applications.localization.kept_filter import usual_filter, usual_radius
 from sextant.applications.localization.localizer_folder import described_map, open_localizer, save_localizer
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
+from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
@@ -31,6 +32,7 @@ from sextant.localization.initialisation import AppearanceStart, Initialisation,
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
+from sextant.localization.observation.evidence import Evidence
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
@@ -38,6 +40,8 @@ from sextant.runs.outputs_folder import default_outputs
 
 #: how independent one image's evidence is taken to be, where no traverse tells
 TEMPERING = 0.125
+#: further than that no robot moves between two images, in any unit
+FURTHEST = 1e9
 #: the kernel is fitted to at most so many images of a map, evenly spaced
 FITTED_TO = 600
 LEARNING_RATE = 0.05
@@ -55,6 +59,8 @@ class LocalizedPose:
         mass: the share of the weight that it holds.
         modes: how many there are.
         lost: it holds less than half of the weight.
+        off_map: chance of being where the map shows nothing; 0 for a filter without
+            :class:`~sextant.localization.map_support.MapSupport`.
         degenerate: no particle explained the image, which was dropped.
     """
 
@@ -64,6 +70,7 @@ class LocalizedPose:
     modes: int
     lost: bool
     degenerate: bool = False
+    off_map: float = 0.0
 
     @property
     def sigmas(self) -> Float64[ndarray, "3"]:
@@ -78,11 +85,14 @@ class Localizer:
         model: fitted to the map's descriptors.
         likelihood: with its calibration.
         filter: its prior is the map's.
-        radius: of the mode that is told, in the unit of the map.
+        radius: of the mode that is reported, in the unit of the map.
         descriptor: of images; without it, steps take vectors.
         image_size: height, width and channels of the map's images; None if it is not known.
         unit: of positions.
         particles: unless their number adapts.
+        adapts: learn while driving how the look of the world has changed since the map was made,
+            :class:`~sextant.localization.appearance_change.AppearanceChange`; for a likelihood that was not fitted to
+            another drive.
         start: where they are before the first image.
         seed: of all random numbers.
         facts: what else is kept with the map, as plain values.
@@ -102,6 +112,7 @@ class Localizer:
         image_size: tuple[int, int, int] | None = None,
         unit: Literal["m", "frames"] = "m",
         particles: int = 1000,
+        adapts: bool = False,
         start: Start = "uniform",
         seed: int = 0,
         facts: dict[str, Any] | None = None,
@@ -112,7 +123,7 @@ class Localizer:
             raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
         self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
-        self.particles, self.seed, self.facts = particles, seed, dict(facts or {})
+        self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
         self.reset()
 
@@ -123,6 +134,7 @@ class Localizer:
         self.seed = self.seed if seed is None else seed
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
+        self._change = AppearanceChange.none(self.model.map.dimension)
 
     @torch.no_grad()
     def step(
@@ -145,7 +157,7 @@ class Localizer:
         """
         seen = self._seen(image, descriptor)
         moved = _motion(motion)
-        evidence = None if seen is None else self.model.observe(seen[None], self.likelihood)
+        evidence = None if seen is None else self._evidence(seen, moved)
         looked = torch.tensor([evidence is not None])
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
@@ -163,6 +175,7 @@ class Localizer:
             int(found.modes[0]),
             mass < MODE_MASS,
             bool(told.degenerate[0]),
+            0.0 if self.filter.support is None else float(self.filter.support.off_map(state.belief)[0]),
         )
 
     @property
@@ -195,6 +208,26 @@ class Localizer:
                 "Resize it as the map's images were.",
             )
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
+
+    def _evidence(self, seen: Tensor, moved: Tensor) -> Evidence:
+        if not self.adapts:
+            return self.model.observe(seen[None], self.likelihood)
+        where, dimension = self.model.map, self.model.map.dimension
+        weight = 1.0 if self._state is None else self._steps_of_map(moved)
+        change = self._change.seen(seen, weight)
+        residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])
+        if bool(residuals.squared.isfinite().all()):  # numbers near the end of their range teach nothing
+            self._change = change.exceeded(residuals, dimension, weight)
+        centred = self._change.centred(seen, where.mean)[None]
+        return self.model.observe(centred, self._change.likelihood(self.likelihood))
+
+    def _steps_of_map(self, moved: Tensor) -> float:
+        """How much of the way from one image of the map to the next, at most 1; 1 if it is unknown."""
+        support = self.filter.support
+        if support is None or not bool(moved.isfinite().all()):
+            return 1.0
+        way = float(moved[:2].norm()) / (2 * support.reach) + abs(float(moved[2])) / (2 * support.heading_reach)
+        return min(1.0, way)
 
     def _seen(self, image: ndarray | None, descriptor: ndarray | None) -> Tensor | None:
         if image is not None and descriptor is not None:
@@ -276,7 +309,7 @@ class Localizer:
         likelihood: Likelihood | None = None,
         motion: MotionModel | None = None,
         recovery: Recovery | None = None,
-        radius: float = 1.0,
+        radius: float | None = None,
         steps: int = 60,
         merge_duplicates: bool = False,
         particles: int = 1000,
@@ -292,9 +325,9 @@ class Localizer:
                 whitened principal components of 32x48 pixels unless given.
             kernel: fitted unless given, by the joint likelihood of at most 600 of the images.
             observation: to be fitted; the cached local Gaussian process unless given.
-            likelihood: with a tempering of 0.125 unless given: nothing here tells how much the world will change.
-            motion, recovery: of the filter.
-            radius: of the mode that is told, in metres.
+            likelihood: with a tempering of 0.125 unless given; then how the world has changed is learned on the way.
+            motion, recovery: of the filter; unless given, odometry that errs by a tenth, and restarts.
+            radius: of the mode that is reported, in metres; 2.5 times the spacing of the map unless given.
             steps: of the fit of the kernel.
             merge_duplicates: images at one pose become one.
             particles, start, seed: as for the class.
@@ -315,7 +348,8 @@ class Localizer:
             model,
             likelihood or Likelihood(tempering=TEMPERING),
             filter,
-            radius=radius,
+            radius=usual_radius(filter) if radius is None else radius,
+            adapts=likelihood is None,
             descriptor=kept,
             image_size=images.shape[1:],
             particles=particles,
@@ -333,6 +367,8 @@ def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
             f"motion={motion} must be three finite numbers: dx, dy, dtheta",
             "Give None where odometry is missing.",
         )
+    if bool((moved.abs() > FURTHEST).any()):
+        raise UserError(f"motion={motion} is further than {FURTHEST:g}", "Give None where odometry cannot be trusted.")
     return moved
 
 

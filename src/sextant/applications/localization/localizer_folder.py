@@ -16,7 +16,7 @@ from sextant.applications.kept_descriptor import (
     load_descriptor,
 )
 from sextant.applications.localization.found_map import MAP, find_map
-from sextant.applications.localization.kept_filter import filter_of, filter_values, usual_filter
+from sextant.applications.localization.kept_filter import filter_of, filter_values, usual_filter, usual_radius
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
 from sextant.errors import UserError
 from sextant.localization.likelihood import Likelihood
@@ -29,8 +29,6 @@ from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 
 DESCRIPTOR = "descriptor"
-#: of the mode that is told, for a map that names none: metres
-RADIUS = 1.0
 #: images described at a time
 BATCH = 512
 
@@ -44,6 +42,7 @@ class Saveable(Protocol):
     radius: float
     unit: Literal["m", "frames"]
     particles: int
+    adapts: bool
     image_size: tuple[int, int, int] | None
     descriptor: KeptDescriptor
     facts: dict[str, Any]
@@ -58,6 +57,7 @@ def save_localizer(localizer: Saveable, folder: Path) -> None:
         "radius": localizer.radius,
         "unit": localizer.unit,
         "particles": localizer.particles,
+        "adapts": localizer.adapts,
         "image_size": localizer.image_size,
         "descriptor": localizer.descriptor.identity,
     }
@@ -114,6 +114,7 @@ def open_localizer(
             "image_size": None if size is None else tuple(int(side) for side in size),
             "unit": settings["unit"],
             "particles": int(settings["particles"]),
+            "adapts": settings.get("adapts", False) is True,  # maps of before do not
             "facts": saved.facts.get("about", {}),
         }
     except (KeyError, TypeError, ValueError) as error:
@@ -133,11 +134,13 @@ def _without_settings(
     """The arguments of a localizer in a map that was not saved by one."""
     if run is not None:
         raise UserError(f"run={run}: the map in {folder} does not tell what it was described with", "Leave out run=.")
+    filter = usual_filter(saved.model.map.poses, motion=motion, recovery=recovery)
     return {
         "model": saved.model,
         "likelihood": saved.likelihood,
-        "filter": usual_filter(saved.model.map.poses, motion=motion, recovery=recovery),
-        "radius": RADIUS,
+        "filter": filter,
+        "radius": usual_radius(filter),
+        "adapts": saved.likelihood.appearance_variance == 0,  # nobody fitted one
         "descriptor": KeptDescriptor(descriptor),
         "facts": saved.facts,
     }

@@ -154,6 +154,11 @@ class CachedLocalGP(ObservationModel):
         self.check_dimension(descriptors)
         return CachedEvidence(self, descriptors, likelihood)
 
+    def residuals_over_map(self, descriptors: Float32[Tensor, "r d"]) -> Residuals:
+        """See :class:`ObservationModel`; see ``map_evidence``."""
+        squared = self.observe(descriptors, Likelihood()).squared_over_map()
+        return Residuals(squared, torch.from_numpy(self.caches.variances).expand_as(squared))
+
     def map_terms(self, likelihood: Likelihood) -> tuple[Float64[Tensor, " n"], Float64[Tensor, " n"]]:
         r"""Level and slope of the log-likelihood over the map, which is affine in the squared distance if Gaussian.
 
@@ -242,12 +247,17 @@ class CachedEvidence(Evidence):
     def over_map(self) -> Float64[Tensor, "r n"]:
         """See :class:`Evidence`; see ``map_evidence`` of the model."""
         model = self.model
-        self._read(np.ones_like(self.unread))
         if self.likelihood.form == "student":
-            squared = self._over_map(model._map_norms, np.full(len(model.map), -1.0)).clamp_min_(0)
-            return self.likelihood.log_prob(squared, torch.from_numpy(model.caches.variances), model.map.dimension)
+            variances = torch.from_numpy(model.caches.variances)
+            return self.likelihood.log_prob(self.squared_over_map(), variances, model.map.dimension)
+        self._read(np.ones_like(self.unread))
         levels, slopes = model.map_terms(self.likelihood)
         return self._over_map(levels.numpy(), slopes.numpy())
+
+    def squared_over_map(self) -> Float64[Tensor, "r n"]:
+        """Distances from the observation to the images of the map, or to what is predicted at their poses."""
+        self._read(np.ones_like(self.unread))
+        return self._over_map(self.model._map_norms, np.full(len(self.model.map), -1.0)).clamp_min_(0)
 
     def _over_map(self, levels: Float64[ndarray, " n"], slopes: Float64[ndarray, " n"]) -> Float64[Tensor, "r n"]:
         r""":math:`\mathrm{level} + \mathrm{slope}\,(2 z_c^T m - \|z_c\|^2)`, m the image or what is predicted there."""

@@ -1,0 +1,70 @@
+r"""How the look of the world has changed since the map was made, learned while driving.
+
+The mean of the descriptors of a drive differs from that of the map by what has changed everywhere, such as the light
+or the season, and is taken away little by little:
+
+.. math:: z'_t = z_t - \frac{n_t}{n_t + n_0}\,(\bar z_t - \bar y), \qquad
+   \bar z_t = \frac1{n_t} \sum_{s \le t} w_s z_s, \quad n_t = \sum_{s \le t} w_s.
+
+What remains is an appearance variance in every dimension. The map image that explains a descriptor best would do so
+within the predicted variance v if nothing had changed; it is the best of many, so that its excess counts twice:
+
+.. math:: s_a^2 = \frac2{n_t} \sum_{s \le t} w_s \max\!\Big(0,\; \min_i \frac{\|z'_s - \mu_i\|^2}{D} - v_i\Big).
+
+The weight w of an image is how far the robot has moved since the last, in units of the map's spacing and of the turn
+that it tells apart, and at most 1: a robot that stands still learns nothing, and forgets nothing.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import torch
+from jaxtyping import Float32, Float64
+from torch import Tensor
+
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.observation.prediction import Residuals
+
+#: n_0: as many images pass before half of a change is believed
+SLOWLY = 5.0
+
+
+@dataclass(frozen=True)
+class AppearanceChange:
+    """What a drive has shown so far.
+
+    Attributes:
+        mean: :math:`\\bar z`, of descriptors.
+        excess: mean of what exceeds the predicted variance.
+        images: n, by weight.
+    """
+
+    mean: Float64[Tensor, " d"]
+    excess: float = 0.0
+    images: float = 0.0
+
+    @classmethod
+    def none(cls, dimension: int) -> Self:
+        """Before the first image."""
+        return cls(torch.zeros(dimension, dtype=torch.float64))
+
+    def seen(self, descriptor: Float32[Tensor, " d"], weight: float) -> Self:
+        """With one image more."""
+        images = self.images + weight
+        step = weight / images if images else 0.0
+        return replace(self, mean=self.mean + step * (descriptor.double() - self.mean), images=images)
+
+    def exceeded(self, residuals: Residuals, dimension: int, weight: float) -> Self:
+        """With the excess of that image, whose residuals to the map are given in one row."""
+        least = (residuals.squared / dimension - residuals.variance).amin()
+        step = weight / self.images if self.images else 0.0
+        return replace(self, excess=self.excess + step * (max(float(least), 0.0) - self.excess))
+
+    def centred(self, descriptor: Float32[Tensor, " d"], map_mean: Float32[Tensor, " d"]) -> Float32[Tensor, " d"]:
+        """z', a descriptor without what has changed everywhere."""
+        learned = self.images / (self.images + SLOWLY)
+        return descriptor - (learned * (self.mean - map_mean)).to(descriptor.dtype)
+
+    def likelihood(self, calibrated: Likelihood) -> Likelihood:
+        """With the appearance variance so far, in addition to its own."""
+        return replace(calibrated, appearance_variance=calibrated.appearance_variance + 2 * self.excess)

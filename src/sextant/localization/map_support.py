@@ -1,0 +1,161 @@
+r"""Where a map says what an image would look like, and what it can say of an image taken anywhere else: nothing.
+
+A Gaussian process falls back to its mean and prior variance off the map, and an image of another season, which is far
+from every prediction, is explained by that better than by the truth. So the process is asked on the map alone. With the
+share s(x) in [0, 1] of the map in a pose, at the distance d from the nearest image,
+
+.. math:: s(x) = e^{-2 \max(0,\, d - 1)^2}, \qquad
+   d^2 = \min_i \frac{\|p - p_i\|^2}{r^2} + \frac{2(1 - \cos(\theta - \theta_i))}{\rho^2},
+
+an image is worth
+
+.. math:: \tilde l(z \mid x) = \log\!\big[a(x)\, e^{l(z|x)} + (1 - a(x))\, e^{b(z)}\big], \qquad a = (1 - o)\, s(x),
+   \quad b(z) = \log \tfrac1N \sum_{i=1}^N e^{l(z \mid x_i)}:
+
+off the map, and where a share o of images shows something else than the place, such as a passing car, it looks as
+likely as at any place of the map. And a robot is off the map with a chance of
+:math:`\epsilon`: the belief holds the factor :math:`g(x) = \epsilon + (1 - \epsilon)\, s(x)` once, however long it
+drives, since a step multiplies weights by :math:`g(x_t) / g(x_{t-1})`.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from sextant.errors import ArgumentError
+from sextant.localization.belief import Belief
+from sextant.localization.map_prior import LEAST_SPACING
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.neighbourhoods import Neighbourhoods
+from sextant.localization.pose_kernel import PoseKernel
+from sextant.localization.recovery.recovery import check_share
+
+#: how far a camera may be turned from the map's nearest: rad
+HEADING_REACH = math.radians(10)
+#: images that are looked at for the spacing of a map, evenly chosen, and neighbours of each
+LOOKED_AT, NEIGHBOURS = 4096, 24
+#: an image further off than so many times the nearest one is no neighbour
+FURTHEST = 4.0
+
+
+@dataclass(frozen=True)
+class MapSupport:
+    """The poses that a map tells something of.
+
+    Attributes:
+        poses: of the map's images.
+        reach: r, in the unit of positions: up to where an image stands for poses beside it.
+        heading_reach: ρ in rad, likewise.
+        leave: ε in (0, 1), the chance of being off the map.
+        outliers: o in (0, 1), the share of images that tell nothing of where they were taken.
+
+    Raises:
+        ArgumentError: a number is outside its range.
+
+    >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
+    >>> support = MapSupport.of(line)
+    >>> support.reach  # half of the map's spacing
+    0.5
+    >>> support.share(torch.tensor([[4.2, 0.0, 0.0], [4.0, 3.0, 0.0]], dtype=torch.float64)).round().tolist()
+    [1.0, 0.0]
+    """
+
+    poses: Float64[Tensor, "n 3"]
+    reach: float
+    heading_reach: float = HEADING_REACH
+    leave: float = 0.01
+    outliers: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in ("reach", "heading_reach"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ArgumentError(f"{name}={getattr(self, name)} must be above 0 and finite", f"For example {name}=1")
+        for name in ("leave", "outliers"):
+            check_share(name, getattr(self, name))
+
+    @classmethod
+    def of(cls, poses: Float64[Tensor, "n 3"]) -> "MapSupport":
+        """With half of the map's own spacing as reach, and half of the turn between images at one place."""
+        return cls(poses, map_spacing(poses) / 2, heading_reach(poses))
+
+    @cached_property
+    def _near(self) -> Neighbourhoods:
+        return Neighbourhoods(self.poses, PoseKernel("rbf", (self.reach, self.reach), self.heading_reach, 1.0, 0.0))
+
+    def share(self, poses: Float64[Tensor, "*b 3"]) -> Float64[Tensor, "*b"]:
+        """s(x) of poses."""
+        flat = poses.reshape(-1, 3)
+        apart = self._near.kernel.features(flat) - torch.from_numpy(self._near.features)[self._near.nearest(flat)]
+        beyond = (apart.norm(dim=1) - 1).clamp(min=0)
+        return torch.exp(-2 * beyond * beyond).view(poses.shape[:-1])
+
+    def log_change(self, before: Float64[Tensor, "r p 3"], after: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
+        """:math:`\log g(x_t) / g(x_{t-1})` of particles that moved from one pose to another."""
+        return self._log_prior(after) - self._log_prior(before)
+
+    def off_map(self, belief: Belief) -> Float64[Tensor, "r"]:
+        """The chance that each run is off the map."""
+        return (belief.weights * (1 - self.share(belief.poses))).sum(1)
+
+    def _log_prior(self, poses: Tensor) -> Tensor:
+        return torch.log(self.leave + (1 - self.leave) * self.share(poses))
+
+
+class EvidenceOnMap(Evidence):
+    """What an observation says, on the map alone; off the map as much as of any place of it."""
+
+    def __init__(self, evidence: Evidence, support: MapSupport):
+        self.evidence, self.support = evidence, support
+
+    @cached_property
+    def _map(self) -> Float64[Tensor, "r n"]:
+        return self.evidence.over_map()
+
+    def over_map(self) -> Float64[Tensor, "r n"]:
+        """See :class:`Evidence`."""
+        return self._map
+
+    def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
+        """See :class:`Evidence`."""
+        on_map = torch.where(self._map.isfinite(), self._map, -torch.inf)
+        anywhere = on_map.logsumexp(1, keepdim=True) - math.log(on_map.shape[1])
+        share = (1 - self.support.outliers) * self.support.share(poses)
+        return torch.logaddexp(self.evidence.log_likelihood(poses) + share.log(), anywhere + torch.log1p(-share))
+
+
+def map_spacing(poses: Float64[Tensor, "n 3"]) -> float:
+    """How far apart the positions of a map are that lie side by side: the median over images of the widest gap.
+
+    In each of the four directions in which an image has a neighbour at all the nearest is taken, and the furthest of
+    those: along a line the distance from one image to the next, in an area that between rows. Images at one position
+    count once; of a map of one position it is 1.
+    """
+    positions = np.unique(poses[:, :2].numpy(), axis=0)
+    if len(positions) == 1:
+        return 1.0
+    looked_at = positions[np.unique(np.linspace(0, len(positions) - 1, min(LOOKED_AT, len(positions))).astype(int))]
+    distances, rows = cKDTree(positions).query(looked_at, k=np.arange(2, min(NEIGHBOURS, len(positions)) + 1))
+    away = positions[rows] - looked_at[:, None]
+    along = away[:, :1]  # the first direction is that of the nearest
+    cosine, sine = (away * along).sum(2), along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
+    direction = np.round(np.arctan2(sine, cosine) / (np.pi / 2)).astype(int) % 4
+    near = distances <= FURTHEST * distances[:, :1]
+    nearest = np.stack([np.where(near & (direction == d), distances, np.inf).min(1) for d in range(4)])
+    gaps: ndarray = np.where(np.isfinite(nearest), nearest, 0.0).max(0)
+    return max(float(np.median(gaps)), LEAST_SPACING)
+
+
+def heading_reach(poses: Float64[Tensor, "n 3"]) -> float:
+    """Half the turn from one image to the next at one position, in rad; 10 degrees if that is less, or there is one."""
+    values = poses.numpy()
+    order = np.lexsort((values[:, 2], values[:, 1], values[:, 0]))
+    turns = np.diff(values[order], axis=0)
+    together = turns[(np.abs(turns[:, :2]).max(1) < LEAST_SPACING) & (turns[:, 2] > HEADING_REACH), 2]
+    return max(HEADING_REACH, float(np.median(together)) / 2) if len(together) else HEADING_REACH

@@ -1,0 +1,139 @@
+"""A localizer in a world that has changed since its map was made, off the map, and after a jump."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from sextant import Localizer
+from sextant.applications.localization.kept_filter import filter_of, filter_values
+from sextant.errors import UserError
+from sextant.localization.likelihood import Likelihood
+
+
+class Street:
+    """A textured wall along a line; in another season it is darker and half of its texture is another."""
+
+    def __init__(self, step):
+        rng = np.random.default_rng(0)
+        walls = [gaussian_filter(rng.normal(size=(32, 1400, 3)), (2, 4, 0)) for _ in range(2)]
+        self.summer, other = (wall / wall.std() for wall in walls)
+        self.winter = 0.6 * (0.7 * self.summer + 0.7 * other) - 0.5
+        self.step = step
+        self.poses = np.array([(step * i, 0.0, 0.0) for i in range(80)])
+        self.images = np.stack([self.at(self.summer, i) for i in range(80)])
+
+    def at(self, wall, i):
+        return np.clip(128 + 40 * wall[:, round(i * 12) : round(i * 12) + 48], 0, 255).astype(np.uint8)
+
+    def drive(self, localizer, wall=None, start=10, count=50, jump=None, seed=0):
+        localizer.reset(seed)
+        rng, found = np.random.default_rng(seed), []
+        for k in range(count):
+            motion = self.step * np.array([1 + 0.1 * rng.normal(), 0.0, 0.0])
+            motion = np.array([jump[1], 0.0, 0.0]) if jump and k == jump[0] else motion
+            found.append(localizer.step(motion, self.at(self.winter if wall is None else wall, start + k)))
+        away = [np.hypot(*(one.pose[:2] - (self.step * (start + k), 0))) for k, one in enumerate(found)]
+        return found, np.array(away) / self.step
+
+
+@pytest.fixture(scope="module", params=[0.3, 200.0], ids=["0.3 m", "200 m"])
+def street(request):
+    return Street(request.param)
+
+
+@pytest.fixture(scope="module")
+def localizer(street):
+    return Localizer.from_images(street.images, street.poses, steps=30, particles=500)
+
+
+def test_it_finds_its_way_in_another_season_whatever_the_spacing_of_the_map(street, localizer):
+    found, away = street.drive(localizer)
+    assert np.mean(away[20:] < 2) > 0.9
+    assert max(one.off_map for one in found[20:]) < 0.5
+    assert not any(one.lost for one in found[20:])
+
+
+def test_without_support_particles_drift_to_where_no_map_is(street, localizer):
+    before = Localizer(
+        localizer.model,
+        Likelihood(tempering=0.125),
+        replace(localizer.filter, support=None),
+        radius=localizer.radius,
+        descriptor=localizer.descriptor,
+        image_size=localizer.image_size,
+        particles=500,
+    )
+
+    def aside(of):
+        return np.median([abs(one.pose[1]) for one in street.drive(of)[0][20:]]) / street.step
+
+    assert aside(localizer) < 0.1 < 0.4 < aside(before)
+
+
+def test_after_a_jump_of_odometry_it_comes_back(street, localizer):
+    found, away = street.drive(localizer, jump=(25, 1e6))
+    assert found[25].lost
+    assert found[25].off_map > 0.9
+    assert np.mean(away[40:] < 2) > 0.8
+
+
+def test_where_the_map_does_not_reach_it_says_so(street, localizer):
+    localizer.reset(0)
+    for k in range(25):
+        localizer.step((street.step, 0.0, 0.0), street.at(street.summer, 10 + k))
+    rng = np.random.default_rng(5)
+    for _ in range(12):  # round a corner, into a lane that was never mapped
+        noise = gaussian_filter(rng.normal(size=(32, 48, 3)), (2, 4, 0))
+        lane = np.clip(128 + 40 * noise / noise.std(), 0, 255).astype(np.uint8)
+        told = localizer.step((0.0, 2 * street.step, 0.0), lane)
+    assert told.off_map > 0.5
+
+
+def test_identical_images_tell_nothing_and_that_is_said(street):
+    same = np.repeat(street.images[:1], 40, axis=0)
+    localizer = Localizer.from_images(same, street.poses[:40], steps=5)
+    told = [localizer.step((street.step, 0.0, 0.0), same[0]) for _ in range(5)][-1]
+    assert told.lost
+    assert np.isfinite(told.pose).all()
+    assert told.sigmas[0] > 0
+
+
+def test_no_robot_moves_that_far(localizer):
+    for motion in ((1e308, 0.0, 0.0), (0.0, -1e300, 1.0)):
+        with pytest.raises(UserError, match="is further than 1e"):
+            localizer.step(motion)
+
+
+def test_support_and_adaptation_are_saved_and_filters_of_before_have_none(street, localizer, tmp_path):
+    localizer.save(tmp_path)
+    opened = Localizer.load(tmp_path)
+    assert opened.adapts
+    assert opened.filter.support.reach == pytest.approx(street.step / 2)
+    ours, theirs = street.drive(localizer, count=10)[0], street.drive(opened, count=10)[0]
+    assert all(np.array_equal(a.pose, b.pose) and a.off_map == b.off_map for a, b in zip(ours, theirs, strict=True))
+    values = filter_values(localizer.filter)
+    del values["support"]
+    assert filter_of(values, localizer.model.map.poses).support is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("query", "least"), [("day_right", 0.85), ("night_right", 0.2)])
+def test_a_real_walk_in_changed_light(real_data, query, least):
+    """Gardens Point: the left side of the walk by day is the map; before support it was 0 and 0."""
+
+    def photos(name):
+        return np.stack([np.asarray(Image.open(p).convert("RGB")) for p in sorted(real_data.glob(name + "/*.jpg"))])
+
+    images, seen = photos("gardens_point/day_left"), photos(f"gardens_point/{query}")
+    poses = np.array([(float(i), 0.0, 0.0) for i in range(len(images))])
+    localizer, right = Localizer.from_images(images, poses), []
+    for seed in range(3):
+        localizer.reset(seed)
+        rng = np.random.default_rng(seed)
+        for i in range(20, 200):
+            told = localizer.step((1 + 0.1 * rng.normal(), 0.02 * rng.normal(), 0.005 * rng.normal()), seen[i])
+            right += [np.hypot(told.pose[0] - i, told.pose[1]) <= 2] if i >= 80 else []
+    assert np.mean(right) > least
