@@ -1,0 +1,93 @@
+"""A default localizer on real walks in a changed world: ``python -m benchmarks.changed_walks seeds=8``.
+
+Maps are one image a metre along a line; odometry errs by a tenth. Judged from the sixtieth step on, each seed once.
+"""
+
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+from PIL import Image
+from rich.console import Console
+from rich.table import Table
+
+from sextant import Localizer
+from sextant.cli.arguments import parse_arguments
+from sextant.evaluation import share_interval
+from sextant.localization.likelihood import Likelihood
+
+KEYS = {"seeds": "how many; 8 unless given"}
+CHI2_95 = 5.991  # of two dimensions
+JUDGED_FROM = 60
+#: map, query and their stretch of images
+WALKS = {
+    "Gardens Point, day": ("gardens_point/day_left", "gardens_point/day_right", 0, 200),
+    "Gardens Point, night": ("gardens_point/day_left", "gardens_point/night_right", 0, 200),
+    "Nordland, winter, 0 to 299": ("nordland/summer", "nordland/winter", 0, 300),
+    "Nordland, winter, 600 to 899": ("nordland/summer", "nordland/winter", 600, 900),
+    "Nordland, winter, 1500 to 1799": ("nordland/summer", "nordland/winter", 1500, 1800),
+    "Nordland, winter, 2000 to 2299": ("nordland/summer", "nordland/winter", 2000, 2300),
+}
+COLUMNS = ("within 2 images, %", "aside, m", "in 95 % regions, %", "lost, %", "off the map, %")
+
+
+def photos(folder: Path, first: int, last: int) -> ndarray:
+    """Images in the order of their names."""
+    return np.stack([np.asarray(Image.open(path).convert("RGB")) for path in sorted(folder.iterdir())[first:last]])
+
+
+def variants(made: Localizer) -> Iterator[tuple[str, Localizer]]:
+    """The default, and what it is without each of its parts."""
+    alone = replace(made.filter, support=None)
+    for name, filter, adapts in (
+        ("default", made.filter, True),
+        ("without adaptation", made.filter, False),
+        ("without support", alone, True),
+        ("without either", alone, False),
+    ):
+        likelihood = Likelihood(tempering=made.likelihood.tempering)
+        yield name, Localizer(
+            made.model, likelihood, filter, radius=made.radius, descriptor=made.descriptor,
+            image_size=made.image_size, adapts=adapts,
+        )  # fmt: skip
+
+
+def drive(localizer: Localizer, seen: ndarray, seed: int) -> ndarray:
+    """The columns, for one seed."""
+    localizer.reset(seed)
+    rng, rows = np.random.default_rng(seed), []
+    for step, at in enumerate(range(20, len(seen))):
+        motion = (1 + 0.1 * rng.standard_normal(), 0.02 * rng.standard_normal(), 0.005 * rng.standard_normal())
+        told = localizer.step(motion, seen[at])
+        away = told.pose[:2] - (at, 0)
+        inside = away @ np.linalg.solve(told.covariance[:2, :2] + 1e-12 * np.eye(2), away) < CHI2_95
+        aside = float(localizer.belief.weights[0] @ localizer.belief.poses[0, :, 1].abs())
+        if step >= JUDGED_FROM:
+            rows.append((100 * (np.hypot(*away) <= 2), aside, 100 * inside, 100 * told.lost, 100 * told.off_map))
+    return np.mean(rows, axis=0)
+
+
+def main() -> None:
+    """Measure all walks."""
+    seeds = int(parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.changed_walks seeds=8").get("seeds", 8))
+    data, table = Path(os.environ["SEXTANT_DATA"]), Table("walk", "localizer", *COLUMNS)
+    for walk, (map_folder, query_folder, first, last) in WALKS.items():
+        images, seen = photos(data / map_folder, first, last), photos(data / query_folder, first, last)
+        poses = np.zeros((len(images), 3))
+        poses[:, 0] = np.arange(len(images))
+        for name, localizer in variants(Localizer.from_images(images, poses)):
+            found = np.stack([drive(localizer, seen, seed) for seed in range(seeds)])
+            low, high = share_interval(found[:, 0] / 100, trials=seeds)
+            mean = found.mean(0)
+            first_column = f"{mean[0]:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+            table.add_row(walk, name, first_column, f"{mean[1]:.2f}", *(f"{value:.0f}" for value in mean[2:]))
+            print(walk, name, first_column, mean.round(2), flush=True)
+    Console(width=140).print(table)
+
+
+if __name__ == "__main__":
+    main()
