@@ -283,12 +283,32 @@ def test_a_split_of_which_no_query_has_a_positive(folder, told):
 # -- testing a trained model elsewhere ---------------------------------------------------------------------------------
 
 
+def test_two_folders_are_a_test_with_baselines_and_a_tolerance_of_its_own(folder, capsys):
+    outcome = execute(to_plain(compose(arguments(folder, "dataset.places=order"))))
+    outputs = folder.parent / "outputs"
+    again = [f"run={outcome.directory}", "tracking=none", f"paths.outputs={outputs}"]
+    two = ["dataset=place_folders", f"dataset.folder={folder}", "dataset.test={map: test/day, asked: test/night}"]
+    two += ["dataset.places=order", "dataset.height=16", "dataset.width=24", "task.baselines=true"]
+    shown = {}
+    for within in (0, 2):
+        capsys.readouterr()
+        tolerance = [f"task.test_tolerance.frames.{end}" for end in (f"positive={within}", "negative=9")]
+        evaluate.main([*again, *two, *tolerance])
+        printed = " ".join(capsys.readouterr().out.split())
+        assert all(method in printed for method in ("patch-normalised", "whitened PCA", "HOG", "network"))
+        tested = [RunDirectory(path).results() for path in (outputs / "runs" / "evaluation").iterdir()]
+        (results,) = [one for one in tested if one and f"test/R_at_1_pm{within}f_asked_to_map" in one["metrics"]]
+        shown[within] = {row["method"]: float(row["R@1"]) for row in results["table"]}
+        assert set(results["baselines_left_out"]["asked"]) == {"LDA", "CCA"}
+        assert not any("place_nll" in name for name in results["metrics"])  # no split to fit a temperature on
+    assert all(shown[2][method] >= shown[0][method] for method in shown[0])
+    assert shown[2] != shown[0]
+
+
 def test_evaluation_says_which_split_it_needs(folder, capsys):
     outcome = execute(to_plain(compose(arguments(folder, "dataset.places=order"))))
     again = [f"run={outcome.directory}", "tracking=none", f"paths.outputs={folder.parent / 'outputs'}"]
     for overrides, expected in (
-        (["dataset.val=null"], "dataset.val is null"),
-        (["dataset.train=null", "task.baselines=true"], "task.baselines=false"),
         (["dataset.width=32"], "images of 3x16x32"),
         (["dataset.test={day: test/day}"], "the test split has one condition"),
     ):

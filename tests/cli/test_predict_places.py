@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from sextant.applications.places.place_map import PlaceMap
 from sextant.applications.places.run_facts import Temperature
 from sextant.applications.places.saved_map import TOLERANCES
 from sextant.atomic_files import write_sealed_json
-from sextant.cli import predict, predict_handler
+from sextant.cli import evaluate, predict, predict_handler
 from sextant.cli.place_matching import gallery_pages
 from sextant.cli.place_matching.inputs import read_inputs
 from sextant.cli.place_matching.options import PlaceOptions
@@ -103,6 +104,22 @@ def test_it_says_what_the_test_of_the_run_says(trained, tmp_path, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "supposing that its place is in the map" in said
     assert f"best match right: {told['counts']['right']} of the {count} queries" in said
+
+
+def test_it_says_how_baselines_are_tested_on_the_same_folders(trained, tmp_path, capsys):
+    root, run = trained
+    given = [f"map={root}/test/day", f"queries={root}/test/night", f"output={tmp_path / 'out'}", "places=order"]
+    predict.main([f"run={run.path}", *given])
+    told = json.loads((tmp_path / "out" / "matches.json").read_text())
+    (remark,) = [remark for remark in told["remarks"] if remark.startswith("beside training-free descriptors: ")]
+    sextant, command, *words = shlex.split(remark.partition(": ")[2])
+    assert (sextant, command) == ("sextant", "evaluate")
+    capsys.readouterr()
+    evaluate.main([*words, "tracking=none", f"paths.outputs={root / 'outputs'}", "task.baselines=true"])
+    said = capsys.readouterr().out
+    assert all(method in said for method in ("pixels", "patch-normalised", "whitened PCA"))
+    (ours,) = [line for line in said.splitlines() if " network " in line and "untrained" not in line]
+    assert f"{100 * told['counts']['right'] / PLACES['test']:.1f}" in ours
 
 
 def test_a_map_from_python_says_what_the_command_says(trained, tmp_path):

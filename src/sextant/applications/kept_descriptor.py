@@ -8,6 +8,7 @@ import copy
 import hashlib
 import inspect
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from torch import Tensor
 
 from sextant.atomic_files import read_json, write_atomically, write_json
 from sextant.baselines import Hog, PatchNormalised, Pixels, PlaceDescriptor, WhitenedPCA
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 HEADER, ARRAYS = "descriptor.json", "descriptor.safetensors"
 FORMAT, VERSION = "sextant.map_descriptor", 1
@@ -94,8 +95,31 @@ def kept_baseline(descriptor: Describes) -> KeptDescriptor:
     if isinstance(descriptor, WhitenedPCA):
         arrays = {key: torch.from_numpy(np.array(getattr(descriptor.pca_, key), order="C")) for key in COMPONENTS}
         descriptor = copy.copy(descriptor)  # in the very layout that a file will give it: sums then round alike
-        descriptor.pca_ = _pca(descriptor.dimensions, arrays)
+        descriptor.pca_ = _pca(arrays)
     return KeptDescriptor(descriptor, {"kind": "baseline", "class": name, "arguments": arguments}, arrays)
+
+
+def baseline_names() -> str:
+    """Those that a user can give, in a line."""
+    return ", ".join(sorted(BASELINES))
+
+
+def find_baseline(name: str) -> type[PlaceDescriptor] | None:
+    """The training-free descriptor of a name, in any spelling: ``Hog``, ``whitened_pca``, ``patch-normalised``."""
+    plain = re.sub(r"[^a-z]", "", name.lower())
+    return next((kind for known, kind in BASELINES.items() if known.lower() == plain), None)
+
+
+def named_baseline(name: str) -> PlaceDescriptor:
+    """The training-free descriptor of a name, with its defaults.
+
+    Raises:
+        ArgumentError: there is none of that name.
+    """
+    kind = find_baseline(name)
+    if kind is None:
+        raise ArgumentError(f"descriptor={name!r} must be one of {baseline_names()}", 'For example descriptor="Hog"')
+    return kind()
 
 
 def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, trust: bool = False) -> KeptDescriptor:
@@ -145,7 +169,7 @@ def load_descriptor(folder: Path, *, trust: bool = False) -> KeptDescriptor:
             return replace(_network(facts, arrays, folder / ARRAYS, trust), whitener=whitener)
         descriptor = BASELINES[facts["class"]](**facts["arguments"])
         if isinstance(descriptor, WhitenedPCA):
-            descriptor.pca_ = _pca(descriptor.dimensions, arrays)
+            descriptor.pca_ = _pca(arrays)
         return KeptDescriptor(descriptor, facts, arrays, whitener)
     except (OSError, KeyError, TypeError, ValueError, SafetensorError) as error:
         raise _damaged(folder, f"{HEADER} and {ARRAYS} do not make a descriptor: {error}") from error
@@ -160,9 +184,10 @@ def _network(facts: dict[str, Any], weights: Mapping[str, Tensor], file: Path, t
     return KeptDescriptor(network, facts, dict(weights))
 
 
-def _pca(dimensions: int, arrays: Mapping[str, Tensor]) -> Any:
+def _pca(arrays: Mapping[str, Tensor]) -> Any:
     from sklearn.decomposition import PCA
 
+    dimensions = len(arrays["components_"])
     pca = PCA(dimensions, whiten=True)
     for name in COMPONENTS:
         setattr(pca, name, arrays[name].numpy().copy())

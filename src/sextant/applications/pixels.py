@@ -1,13 +1,23 @@
-"""Images that were decoded elsewhere."""
+"""Images from wherever they come: files, arrays, lists and pictures of Pillow, as bytes of the size that is needed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
+from PIL import Image
 
+from sextant.data.places.image_files import UnreadableImageError, decode_image, picture_bytes
 from sextant.errors import UserError
 
+Size = tuple[int, int, int]
+#: a file, an array of bytes, nested lists of them, or a picture of Pillow
+AnyImage = Path | str | ndarray | Image.Image | Sequence[Any]
 
-def checked_pixels(image: UInt8[ndarray, "h w *c"], size: tuple[int, int, int]) -> UInt8[ndarray, "h w c"]:
+
+def checked_pixels(image: UInt8[ndarray, "h w *c"], size: Size) -> UInt8[ndarray, "h w c"]:
     """An image with an axis of channels.
 
     Args:
@@ -19,8 +29,89 @@ def checked_pixels(image: UInt8[ndarray, "h w *c"], size: tuple[int, int, int]) 
     """
     pixels = image[..., None] if image.ndim == 2 else image
     if pixels.dtype != np.uint8 or pixels.shape != size:
-        shape, needed = ("x".join(map(str, sides)) for sides in (pixels.shape, size))
-        raise UserError(
-            f"the image is {pixels.dtype} {shape}; the network takes uint8 {needed}", "Resize it, or give its file."
-        )
+        raise _unfit(pixels, size, "Resize it, or give its file.")
     return pixels
+
+
+def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w c"]:
+    """An image as bytes, stretched to a size as files are; one that has it keeps its values.
+
+    Args:
+        image: what it is. Whole numbers in [0, 255] of any type are bytes; a picture is turned upright by its EXIF
+            block, and grey becomes colour or colour grey where that is needed.
+        size: height, width and channels that are needed; None for its own.
+
+    Raises:
+        UserError: it is no image, or its values may mean several things, as those of floating-point arrays do.
+    """
+    if isinstance(image, Path | str):
+        path = Path(image).expanduser()
+        if not path.is_file():
+            raise UserError(f"{image}: there is no such file", "Give the file of an image.")
+        try:
+            return decode_image(path, *(size or _own_size(path)))
+        except UnreadableImageError as error:
+            raise UserError(f"{image}: {error}", "Replace the file, or leave it out.") from None
+    if isinstance(image, Image.Image):
+        picture = image
+        if size is None:
+            size = (picture.height, picture.width, 1 if picture.mode in ("1", "L", "I", "I;16") else 3)
+    else:
+        pixels = _bytes(image, size)
+        if size is None or pixels.shape == size:
+            return pixels
+        picture = Image.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+    try:
+        return picture_bytes(picture, *size)
+    except (ValueError, OSError) as error:
+        raise UserError(f"the image cannot be used: {error}", "Give another.") from None
+
+
+def several_pixels(
+    images: Sequence[AnyImage] | UInt8[ndarray, "n h w c"], size: Size | None = None
+) -> UInt8[ndarray, "n h w c"]:
+    """Images of one size, that of the first unless it is given.
+
+    Raises:
+        UserError: there is none, or one is no image; it is counted from 0.
+    """
+    if isinstance(images, ndarray) and images.ndim == 4 and images.dtype == np.uint8 and len(images):
+        return images
+    if isinstance(images, str | Path | Image.Image):
+        raise UserError("images is one image; several are expected", "Put them in a list: images=[first, second, ...]")
+    found: list[ndarray] = []
+    for number, image in enumerate(images):
+        try:
+            found.append(as_pixels(image, size))
+        except UserError as error:
+            raise UserError(f"image {number}: {error.problem}", error.fix) from None
+        size = size or found[0].shape
+    if not found:
+        raise UserError("images: there is none", "Give one image for each pose.")
+    return np.stack(found)
+
+
+def _own_size(path: Path) -> Size:
+    try:
+        with Image.open(path) as image:
+            return image.height, image.width, 3
+    except OSError:
+        return 4, 4, 3  # decoding then says what is wrong
+
+
+def _bytes(image: Any, size: Size | None) -> UInt8[ndarray, "h w c"]:
+    try:
+        pixels = np.asarray(image)
+    except ValueError:  # lists of unequal lengths
+        pixels = np.empty(0, object)
+    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
+    whole = np.issubdtype(pixels.dtype, np.integer) and pixels.size and pixels.min() >= 0 and pixels.max() <= 255
+    if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or not whole or min(pixels.shape[:2]) < 1:
+        raise _unfit(pixels, size, "Give bytes in [0, 255], height x width x 1 or 3; or its file.")
+    return pixels.astype(np.uint8, copy=False)
+
+
+def _unfit(pixels: ndarray, size: Size | None, fix: str) -> UserError:
+    shape = "x".join(map(str, pixels.shape))
+    needed = "" if size is None else " " + "x".join(map(str, size))
+    return UserError(f"the image is {pixels.dtype} {shape}; the network takes uint8{needed}", fix)

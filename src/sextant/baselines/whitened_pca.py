@@ -20,7 +20,7 @@ class WhitenedPCA(PlaceDescriptor):
 
     Args:
         height, width: size in pixels at which the images are described.
-        dimensions: length of a descriptor, fewer than the reference images.
+        dimensions: length of a descriptor at most; of reference images that span fewer directions, as many as these.
         most_images: fit uses at most so many images, evenly spaced; bounds the memory at ``4 height width`` bytes each.
 
     Attributes:
@@ -35,13 +35,13 @@ class WhitenedPCA(PlaceDescriptor):
         """Learn the components from the reference images.
 
         Raises:
-            ValueError: the images span fewer than ``dimensions`` directions.
+            ValueError: the images are all the same, or there is only one.
         """
-        if self.dimensions >= len(images):
-            raise ValueError(f"dimensions={self.dimensions} needs more reference images than that; got {len(images)}")
+        if len(images) < 2:
+            raise ValueError("principal components need at least two reference images; got one")
         step = -(-len(images) // max(self.most_images, self.dimensions + 1))
         pixels = Pixels(self.height, self.width).describe(images[::step])
-        self.pca_ = whitening(pixels, self.dimensions)
+        self.pca_ = whitening(pixels, self.dimensions, or_fewer=True)
         return self
 
     def describe_grey(self, grey: Float32[ndarray, "n h w"]) -> Float32[ndarray, "n d"]:

@@ -13,7 +13,11 @@ SMALLEST_SHARE = 1e-7
 
 
 def whitening(
-    rows: Float32[ndarray, "n d"], dimensions: int, solver: Literal["covariance_eigh", "full"] = "covariance_eigh"
+    rows: Float32[ndarray, "n d"],
+    dimensions: int,
+    solver: Literal["covariance_eigh", "full"] = "covariance_eigh",
+    *,
+    or_fewer: bool = False,
 ) -> "PCA":
     """``y = Λ^(-1/2) Vᵀ (x - m)`` with the mean, leading eigenvectors and eigenvalues of the covariance of ``rows``.
 
@@ -21,19 +25,28 @@ def whitening(
         rows: one descriptor of a reference image a row.
         dimensions: components that are kept.
         solver: ``covariance_eigh`` for many rows, ``full`` for rows longer than there are many.
+        or_fewer: keep as many as the rows span where these are fewer.
 
     Raises:
-        ValueError: there are no more rows than ``dimensions``, or they span fewer directions.
+        ValueError: there are no more rows than ``dimensions``, or they span fewer directions; with ``or_fewer``,
+            there is one, or all are equal.
     """
     from sklearn.decomposition import PCA
 
+    if or_fewer:
+        dimensions = max(1, min(dimensions, len(rows) - 1, rows.shape[1]))
     if dimensions >= len(rows):
         raise ValueError(f"dimensions={dimensions} needs more reference images than that; got {len(rows)}")
     if dimensions > rows.shape[1]:
         raise ValueError(f"dimensions={dimensions}, but a descriptor has only {rows.shape[1]} numbers")
+    if bool((rows == rows[0]).all()):
+        raise ValueError("the reference images are all described alike")
     pca = PCA(dimensions, whiten=True, svd_solver=solver).fit(rows)
     variance = pca.explained_variance_
     rank = int((variance > SMALLEST_SHARE * variance[0]).sum()) if variance[0] > 0 else 0
-    if rank < dimensions:
+    if or_fewer and 0 < rank < dimensions:
+        pca.n_components_ = rank
+        pca.components_, pca.explained_variance_ = pca.components_[:rank], variance[:rank]
+    elif rank < dimensions:
         raise ValueError(f"dimensions={dimensions}, but the reference images span only {rank} directions")
     return pca

@@ -80,9 +80,10 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
     """
     parsed, known_groups = parse(overrides), groups()
     settings = [f"task.{key}" for key in recipe_of(str(trained.get("task", {}).get("name"))).test_settings]
+    below = tuple(f"{key}." for key in settings)
     for override in parsed:
         group = override.place
-        if group not in FREE and override.key not in settings:
+        if group not in FREE and override.key not in settings and not override.key.startswith(below):
             known = nearest(group, FREE) if group not in trained and group not in known_groups else None
             raise UserError(
                 f"{override.text}: "

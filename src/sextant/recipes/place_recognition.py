@@ -1,6 +1,7 @@
 """Place recognition: how its parts are put together."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
     from numpy import ndarray
 
     from sextant.baselines.network_layer import NetworkLayer
-    from sextant.data.places import PlaceSource
+    from sextant.data.places import PlaceImages, PlaceSource
     from sextant.data.places.datamodule import PlaceData
+    from sextant.data.places.split import Split
     from sextant.reports.measure import RunValues
     from sextant.reports.shared_set import SharedSet
     from sextant.tasks.places.module import PlaceRecognition
@@ -133,20 +135,17 @@ class PlaceRecognitionRecipe(Recipe):
         )
 
     def require_fit(self, config: Config, spec: Mapping[str, Any], source: "PlaceSource") -> None:
-        """Raise a ``UserError`` unless the images have the shape of training, and all splits are there that are needed.
+        """Raise a ``UserError`` unless the images have the shape of training; a test needs no other split.
 
-        The temperature of the posterior is fitted on the validation split, unless recall against factors is all that is
-        told; and baselines learn from the training split.
+        Without a validation split there is no posterior, whose temperature is fitted there, and without a training
+        split baselines learn from the map's images; see :meth:`record`.
         """
         from sextant.tasks.places.invariance import has_factors
 
-        if not has_factors(source.conditions("test")):
-            source.files("val")
-        if _task(config).baselines:
-            try:
-                source.files("train")
-            except MissingDataError as error:
-                raise UserError(error.problem, f"{error.fix}, or leave baselines out: task.baselines=false") from None
+        others: tuple[Split, ...] = ("train",) if has_factors(source.conditions("test")) else ("train", "val")
+        for split in others:
+            with suppress(MissingDataError):
+                source.files(split)
         _, height, width, channels = source.read("test").images.shape
         if (channels, height, width) != (spec["channels"], spec["height"], spec["width"]):
             raise UserError(
@@ -169,34 +168,36 @@ class PlaceRecognitionRecipe(Recipe):
         if has_factors(result.places.conditions):
             return _factors_record(config, module, data, self.reporter)
         network, own = module.network.eval(), result.descriptors
-        data.setup("validate")
-        train = _training_split(data)
+        train, val = _split_beside(data, "train"), _split_beside(data, "val")
+        seen = _seen_by_baselines(train, result.places)
         described, shelf_left_out = {report.NETWORK: own}, dict[str, str]()
-        if task.baselines and train is not None:
-            shelf, shelf_left_out = learnt(_shelf(config, module), train, result.places.conditions[0])
+        if task.baselines:
+            shelf, shelf_left_out = learnt(_shelf(config, module), seen, result.places.conditions[0])
             untrained = {"untrained network": _untrained(config, module, result.places)}
             described = describe_all(shelf, result.places) | untrained | described
         with self.reporter.progress("comparing descriptors", "conditions") as progress:
             found = report.compare(
                 described,
                 result.places,
-                train if task.baselines else None,
+                seen if task.baselines else None,
                 data.test_tolerance,
                 sequence_length=task.sequence_length,
                 size=BASELINE_SIZE,
                 progress=progress,
             )
-        val, elsewhere = data.split("val"), None
-        if train is not None:
-            elsewhere = network_descriptors(network, train.select(train.rows_of(train.conditions[0])))
-        fitted = report.temperature(network_descriptors(network, val), val, data.test_tolerance, elsewhere)
+        posteriors = None
+        if val is not None:
+            first = None if train is None else train.select(train.rows_of(train.conditions[0]))
+            elsewhere = None if first is None else network_descriptors(network, first)
+            fitted = report.temperature(network_descriptors(network, val), val, data.test_tolerance, elsewhere)
+            posteriors = report.posteriors_of(found, fitted)
         spec = module.spec
         cost = network_cost(network, (spec.height, spec.width), spec.channels)
         pairs = condition_pairs(own, result.places, data.test_tolerance)
         return TestRecord(
             report.arrays(found) | pair_arrays(pairs, data.test_tolerance),
             report.figures(found, result.places, pairs),
-            report.metrics(found, report.posteriors_of(found, fitted)) | pair_metrics(pairs, data.test_tolerance),
+            report.metrics(found, posteriors) | pair_metrics(pairs, data.test_tolerance),
             report.table(found, task.sequence_length),
             facts={
                 "cost": {
@@ -219,13 +220,16 @@ class PlaceRecognitionRecipe(Recipe):
         return places_found(arrays)
 
 
-def _training_split(data: "PlaceData") -> Any:
-    """The training images; None where a model is tested on data that has none."""
-    try:
-        data.setup("fit")
-    except UserError:
-        return None
-    return data.split("train")
+def _split_beside(data: "PlaceData", split: "Split") -> "PlaceImages | None":
+    """The images of another split than the test's; None if the data have none."""
+    with suppress(MissingDataError):
+        data.read(split)
+    return data.splits.get(split)
+
+
+def _seen_by_baselines(train: "PlaceImages | None", places: "PlaceImages") -> "PlaceImages":
+    """What baselines learn from: the training images, or without any those of the map, which no query belongs to."""
+    return places.only_conditions(places.conditions[:1]) if train is None else train
 
 
 def _can_train_on(source: Source) -> None:
@@ -246,8 +250,8 @@ def _factors_record(config: Config, module: "PlaceRecognition", data: "PlaceData
     task, places = _task(config), module.result.places
     described, left_out = {report.NETWORK: module.result.descriptors}, dict[str, str]()
     if task.baselines:
-        train = data.source.read("train")
-        methods, left_out = fitted(training_free(*BASELINE_SIZE) | _shelf(config, module), train, places.conditions[0])
+        seen = _seen_by_baselines(_split_beside(data, "train"), places)
+        methods, left_out = fitted(training_free(*BASELINE_SIZE) | _shelf(config, module), seen, places.conditions[0])
         untrained = {"untrained network": _untrained(config, module, places)}
         described = describe_all(methods, places) | untrained | described
     with reporter.progress("comparing descriptors", "conditions") as progress:

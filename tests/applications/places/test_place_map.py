@@ -17,7 +17,7 @@ from sextant.applications import FailedPhoto, FailedPhotosError
 from sextant.applications.places import described_map
 from sextant.applications.places.run_facts import Temperature
 from sextant.atomic_files import write_sealed_json
-from sextant.baselines import Hog, WhitenedPCA
+from sextant.baselines import Hog, PatchNormalised, WhitenedPCA
 from sextant.baselines import Pixels as PixelBaseline
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.data.places.decoded_images import ImageSize
@@ -76,6 +76,23 @@ def test_an_array_is_found_as_its_file_is(rides, places):
     by_array, by_file = places.look_up_many([pixels(2, True), str(rides[1] / "002.png")])
     assert by_array.matches == by_file.matches
     assert (by_array.name, by_array.stretched) == ("photo 0", False)
+
+
+def test_a_photo_may_be_a_file_a_picture_an_array_or_lists_of_any_size(rides, places):
+    file, picture = rides[1] / "003.png", scene(3, night=True)
+    asked = [file, str(file), picture, np.asarray(picture), np.asarray(picture).tolist()]
+    found = places.look_up_many(asked)
+    assert {each.best.photo.name for each in found} == {"003.png"}
+    assert {each.best.similarity for each in found} == {found[0].best.similarity}
+    assert places.look_up(picture.convert("L")).best.similarity > 0  # grey becomes colour
+
+
+def test_a_descriptor_may_be_named(rides):
+    named, built = PlaceMap("patch-normalised", ImageSize(16, 24)), PlaceMap(PatchNormalised(), ImageSize(16, 24))
+    for places in (named, built):
+        places.add(rides[0])
+    assert named.model == built.model
+    assert named.look_up(rides[1] / "002.png") == built.look_up(rides[1] / "002.png")
 
 
 def test_of_a_small_map_there_are_no_more_matches_than_photos(rides, places):
@@ -245,11 +262,12 @@ def test_photos_that_cannot_be_looked_up(rides, places):
         (lambda places, day: places.add(day, [(0, 0)]), r"positions has shape \(1, 2\) for 6 photos"),
         (lambda places, day: places.look_up(day / "000.png", k=0), "k=0 must be at least 1"),
         (lambda places, day: places.look_up_sequence([day / "000.png"], length=1), "length=1 must be at least 2"),
-        (
-            lambda places, day: places.look_up(np.zeros((16, 24), np.uint8)),
-            "uint8 16x24x1; the network takes uint8 16x24x3",
-        ),
-        (lambda places, day: places.look_up(np.zeros((16, 24, 3))), "float64 16x24x3"),
+        (lambda places, day: places.look_up(np.zeros((16, 24, 3))), "float64 16x24x3; the network takes uint8 16x24x3"),
+        (lambda places, day: places.look_up(np.full((16, 24, 3), 256)), "int64 16x24x3"),
+        (lambda places, day: places.look_up([[1, 2], [3]]), "the network takes uint8 16x24x3"),
+        (lambda places, day: places.add([scene(9)]), "a map keeps the names of files, and Image is none"),
+        (lambda places, day: PlaceMap("Hogg"), "descriptor='Hogg' must be one of Hog, PatchNormalised, Pixels, Whit"),
+        (lambda places, day: PlaceMap("whitened PCA"), "WhitenedPCA learns from images, and has seen none"),
         (lambda places, day: PlaceMap(Pixels(), temperature=0), "temperature=0 must be above 0"),
         (lambda places, day: PlaceMap(lambda images: images), "size=None: this descriptor does not tell"),
     ],

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from sextant.errors import ArgumentError
 from sextant.evaluation.localization.trajectory_error import (
     ErrorStatistics,
     absolute_errors,
@@ -128,6 +129,15 @@ def test_statistics_are_what_their_names_say():
     assert (found.rmse, found.mean, found.median, found.std, found.min, found.max, found.sse) == (
         pytest.approx(np.sqrt(12.5)), 3.5, 3.5, 0.5, 3, 4, 25,
     )  # fmt: skip
+
+
+def test_a_pose_that_is_not_finite_cannot_be_aligned():
+    truth = np.random.default_rng(0).normal(size=(6, 3))
+    guess = truth.copy()
+    guess[4, 1] = np.nan
+    for reference, estimate, name in ((truth, guess, "estimate"), (guess, truth, "reference")):
+        with pytest.raises(ArgumentError, match=f"{name}: pose 4, counted from 0, is not finite"):
+            absolute_errors(reference, estimate, alignment="rigid")
 
 
 def test_what_cannot_be_compared_is_refused():

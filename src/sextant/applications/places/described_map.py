@@ -10,13 +10,14 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from sextant.applications.failures import Errors, FailedPhoto, check_errors, raise_failed
-from sextant.applications.kept_descriptor import Describes, KeptDescriptor, kept_baseline
+from sextant.applications.kept_descriptor import Describes, KeptDescriptor, kept_baseline, named_baseline
 from sextant.applications.places.describing import Described, DescribedPhotos, describe, joined, without_failed
 from sextant.applications.places.known_places import same_place
 from sextant.applications.places.matching import Matches, match
 from sextant.applications.places.photo_folder import PhotoFolder, photo_folder
 from sextant.applications.places.run_facts import Temperature
 from sextant.applications.places.saved_map import TOLERANCES, MapFacts, load_map, save_map
+from sextant.baselines import WhitenedPCA
 from sextant.data.places.decoded_images import ImageSize
 from sextant.data.places.tolerance import PlaceTolerance, Unit
 from sextant.errors import ArgumentError, UserError
@@ -41,12 +42,18 @@ class DescribedMap:
 
     def __init__(
         self,
-        descriptor: Describes | KeptDescriptor,
+        descriptor: Describes | KeptDescriptor | str,
         size: ImageSize | None = None,
         *,
         temperature: Temperature | float | None = None,
         tolerances: Mapping[Unit, PlaceTolerance] = TOLERANCES,
     ):
+        if isinstance(descriptor, str):
+            descriptor = named_baseline(descriptor)
+        if isinstance(descriptor, WhitenedPCA) and not hasattr(descriptor, "pca_"):
+            raise ArgumentError(
+                "descriptor: WhitenedPCA learns from images, and has seen none", "Fit it: WhitenedPCA().fit(images)"
+            )
         self.descriptor = descriptor if isinstance(descriptor, KeptDescriptor) else kept_baseline(descriptor)
         if self.descriptor.describer is None:
             raise ArgumentError("descriptor: it describes no images", "Give one of sextant.baselines, or a network.")

@@ -48,6 +48,11 @@ def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> Pho
         return photos
     if isinstance(photos, Path | str):
         return photos_below(photos)
+    photos = list(photos)
+    if wrong := next((photo for photo in photos if not isinstance(photo, Path | str)), None):
+        raise ArgumentError(
+            f"photos: a map keeps the names of files, and {type(wrong).__name__} is none", "Give files, or a folder."
+        )
     paths = [Path(os.path.abspath(Path(path).expanduser())) for path in photos]
     if not paths:
         raise ArgumentError("photos=[]: there is no photo", "Give files, or a folder of photos.")

@@ -4,12 +4,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
-from jaxtyping import UInt8
-from numpy import ndarray
-
 from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.applications.kept_descriptor import Describes, kept_network, load_descriptor
-from sextant.applications.pixels import checked_pixels
+from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.applications.places.described_map import DESCRIPTOR, DescribedMap, failed_photo
 from sextant.applications.places.describing import describe
 from sextant.applications.places.looked_up import LookedUp, looked_up
@@ -23,14 +20,12 @@ from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import FoundRun, resolve_run
 from sextant.trained.content import own_config, read_trained
 
-AnyPhoto = Path | str | UInt8[ndarray, "h w *c"]
-
 
 class PlaceMap(DescribedMap):
     """Photos whose places are known, and which of them show the place of another photo.
 
-    Photos are files of any kind and size, turned upright by EXIF and stretched to the size of the network's images, or
-    arrays of bytes of that size. Of the map only descriptors are kept.
+    Photos are files of any kind, or bytes as arrays, lists or pictures of Pillow; of any size, turned upright by EXIF
+    and stretched to the size of the network's images. Of the map only descriptors are kept.
 
     The confidence of a match is the posterior of its place over the map at the temperature that the run's test fitted
     (see :mod:`~sextant.applications.places.matching`). It supposes that the place is in the map.
@@ -41,8 +36,8 @@ class PlaceMap(DescribedMap):
     >>> print(best.photo, best.similarity, best.confidence)  # doctest: +SKIP
 
     Args:
-        descriptor: what describes images: one of :mod:`sextant.baselines` that need not be fitted or was, or anything
-            with ``describe``.
+        descriptor: what describes images: one of :mod:`sextant.baselines` that need not be fitted or was, the name of
+            one (``"Hog"``), or anything with ``describe``.
         size: of the images that it takes; by default its own ``size``, or ``height`` and ``width``.
         temperature: of the posterior over the map, above 0; without it matches have no confidence.
         tolerances: what counts as one place, in metres and in photos along a ride.
@@ -124,11 +119,11 @@ class PlaceMap(DescribedMap):
         places.tolerance = facts.tolerance
         return places.take(folder)
 
-    def look_up(self, photo: AnyPhoto, k: int = 5) -> LookedUp:
+    def look_up(self, photo: AnyImage, k: int = 5) -> LookedUp:
         """The photos of the map that show the place of a photo.
 
         Args:
-            photo: a file, or bytes of the size of the network's images.
+            photo: a file, bytes or a picture.
             k: matches, at least 1; of a smaller map all.
 
         Raises:
@@ -141,19 +136,19 @@ class PlaceMap(DescribedMap):
 
     @overload
     def look_up_many(
-        self, photos: Iterable[AnyPhoto], k: int = 5, *, errors: Literal["raise"] = "raise"
+        self, photos: Iterable[AnyImage], k: int = 5, *, errors: Literal["raise"] = "raise"
     ) -> list[LookedUp]: ...
     @overload
     def look_up_many(
-        self, photos: Iterable[AnyPhoto], k: int = 5, *, errors: Literal["return"]
+        self, photos: Iterable[AnyImage], k: int = 5, *, errors: Literal["return"]
     ) -> list[LookedUp | FailedPhoto]: ...
     def look_up_many(
-        self, photos: Iterable[AnyPhoto], k: int = 5, *, errors: Errors = "raise"
+        self, photos: Iterable[AnyImage], k: int = 5, *, errors: Errors = "raise"
     ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
         """Each photo by itself, in their order.
 
         Args:
-            photos: files, or bytes of the size of the network's images.
+            photos: files, bytes or pictures.
             k: as for :meth:`look_up`.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` has a :class:`FailedPhoto` in the
                 place of each that did.
@@ -166,14 +161,14 @@ class PlaceMap(DescribedMap):
 
     @overload
     def look_up_sequence(
-        self, photos: Iterable[AnyPhoto], k: int = 5, *, length: int = 10, errors: Literal["raise"] = "raise"
+        self, photos: Iterable[AnyImage], k: int = 5, *, length: int = 10, errors: Literal["raise"] = "raise"
     ) -> list[LookedUp]: ...
     @overload
     def look_up_sequence(
-        self, photos: Iterable[AnyPhoto], k: int = 5, *, length: int = 10, errors: Literal["return"]
+        self, photos: Iterable[AnyImage], k: int = 5, *, length: int = 10, errors: Literal["return"]
     ) -> list[LookedUp | FailedPhoto]: ...
     def look_up_sequence(
-        self, photos: Iterable[AnyPhoto], k: int = 5, *, length: int = 10, errors: Errors = "raise"
+        self, photos: Iterable[AnyImage], k: int = 5, *, length: int = 10, errors: Errors = "raise"
     ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
         """The photos of a ride, each with those before it: the map is a ride too, in the order of adding.
 
@@ -194,12 +189,12 @@ class PlaceMap(DescribedMap):
         return self._look_up(photos, k, length, errors)
 
     def _look_up(
-        self, photos: Iterable[AnyPhoto], k: int, sequence: int | None, errors: Errors
+        self, photos: Iterable[AnyImage], k: int, sequence: int | None, errors: Errors
     ) -> list[LookedUp | FailedPhoto]:
         photos, described = several(photos, errors), self.described
         size = (self.size.height, self.size.width, self.size.channels)
-        given = [Path(p).expanduser() if isinstance(p, Path | str) else checked_pixels(p, size) for p in photos]
-        names = [f"photo {i}" if isinstance(photo, ndarray) else str(photo) for i, photo in enumerate(given)]
+        given = [Path(p).expanduser() if isinstance(p, Path | str) else as_pixels(p, size) for p in photos]
+        names = [f"photo {i}" if not isinstance(photo, Path) else str(photo) for i, photo in enumerate(given)]
         found = describe(self._describer, self.size, given)
         results: dict[int, LookedUp | FailedPhoto] = {i: failed_photo(names[i], why) for i, why in found.failed.items()}
         raise_failed((each for _, each in sorted(results.items())), len(given), "looked up", errors)

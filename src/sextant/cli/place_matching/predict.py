@@ -1,5 +1,6 @@
 """From a folder of map photos and one of queries to files of matches."""
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,8 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     counted = counts(rows)
     described = {"map": reference, "queries": queries}
     remarks = _remarks(described, options, known, places.temperature, counted)
+    if options.places != "none":
+        remarks.append(f"beside training-free descriptors: {_comparison(places, inputs, known, run)}")
     facts = {
         "run": run,
         "temperature": places.temperature.value,
@@ -130,6 +133,22 @@ def _remarks(
             f"{counted['same_file']:,} queries are copies of their best match, which says nothing of the network"
         )
     return told + ([places.remark] if places.remark else [])
+
+
+def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: Mapping[str, Any]) -> str:
+    """The command that tests network and baselines on the same two folders."""
+    chosen, size = known.tolerance, places.size
+    heading = "null" if chosen.heading_deg is None else f"{chosen.heading_deg:g}"
+    words = [
+        *("sextant", "evaluate", f"run={run['run']}", "dataset=place_folders", "dataset.folder=."),
+        f"dataset.test={{map: {places.described.photos.folder.absolute()}, "
+        f"queries: {inputs.queries.folder.absolute()}}}",
+        *(f"dataset.{key}={getattr(size, key)}" for key in ("height", "width", "channels")),
+        f"dataset.places={inputs.options.places}",
+        f"task.test_tolerance.{chosen.unit}={{positive: {chosen.positive:g}, negative: {chosen.negative:g}, "
+        f"heading_deg: {heading}}}",
+    ]
+    return shlex.join(words)
 
 
 def _photo_facts(described: DescribedPhotos) -> dict[str, Any]:

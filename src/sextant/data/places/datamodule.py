@@ -62,9 +62,15 @@ class PlaceData(pl.LightningDataModule):
             UserError: a split cannot be read or searched; says which key or file is to blame.
         """
         for split in STAGES.get(stage, ()):
-            self._read(split)
+            self.read(split)
 
-    def _read(self, split: Split) -> None:
+    def read(self, split: Split) -> None:
+        """Read a split unless that was done.
+
+        Raises:
+            MissingDataError: there is no such split.
+            UserError: it cannot be read or searched; says which key or file is to blame.
+        """
         if split not in self._splits:
             images = self.source.read(split)
             if split != "train":
@@ -77,7 +83,7 @@ class PlaceData(pl.LightningDataModule):
         Raises:
             UserError: as :meth:`setup`, or the training split has no places or fewer than a batch shall have.
         """
-        self._read("train")
+        self.read("train")
         check_training(self._training_batches())
         self.setup("fit")
         self.setup("test")

@@ -59,14 +59,25 @@ def decode_image(path: Path, height: int, width: int, channels: int) -> UInt8[nd
             require_sides(image)
             if max(image.size) > 4 * max(height, width):
                 image.draft("RGB", (2 * max(height, width),) * 2)  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
-            picture = _eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")
-            if picture.size != (width, height):
-                picture = picture.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
-            return np.asarray(picture).reshape(height, width, channels)
+            return picture_bytes(image, height, width, channels)
     except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
         size = path.stat().st_size if path.is_file() else 0
         reason = "is empty" if size == 0 else f"cannot be decoded ({size:,} bytes): {str(error).split(chr(10))[0]}"
         raise UnreadableImageError(reason) from None
+
+
+def picture_bytes(
+    image: Image.Image, height: int, width: int, channels: int
+) -> UInt8[ndarray, "height width channels"]:
+    """A picture that is open, as :func:`decode_image` does it.
+
+    Raises:
+        ValueError: the white level of its values is unknown.
+    """
+    picture = _eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")
+    if picture.size != (width, height):
+        picture = picture.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
+    return np.asarray(picture).reshape(height, width, channels)
 
 
 def _eight_bits(image: Image.Image) -> Image.Image:

@@ -25,6 +25,8 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
+from sextant.errors import ArgumentError
+
 Poses = Float[ndarray, "n 3"] | Float[ndarray, "n 4 4"]
 Alignment = Literal["none", "rigid", "similarity"]
 Part = Literal["translation", "rotation_deg"]
@@ -173,7 +175,14 @@ def align(
 
     Raises:
         ValueError: the positions leave the rotation open.
+        ArgumentError: a pose is not finite.
     """
+    for name, poses in (("reference", reference), ("estimate", estimate)):
+        if wrong := np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2))).tolist():
+            raise ArgumentError(
+                f"{name}: pose {wrong[0]}, counted from 0, is not finite ({len(wrong)} of {len(poses):,} are not)",
+                "Leave these frames out of both trajectories, or align nothing: alignment='none'",
+            )
     target, source = reference[:, :-1, -1], estimate[:, :-1, -1]
     middle, centre = target.mean(axis=0), source.mean(axis=0)
     left, values, right = np.linalg.svd((target - middle).T @ (source - centre) / len(target))

@@ -11,8 +11,9 @@ of m particles drawn at map images, :math:`i \sim q(i) \propto e^{l(z \mid x_i)}
 .. math:: \log w = \log\epsilon - \log m + \log Z + l(z \mid x) - l(z \mid x_i)
    \;\approx\; \log\epsilon - \log m + \log Z, \qquad \log Z = \log \tfrac1N \sum_i e^{l(z \mid x_i)}.
 
-The form on the right, which is the default, holds where the likelihood hardly changes over the jitter. It does not
-weigh the particles by z: q already did. Both sums together are the evidence of z: the filter's ``log_evidence``.
+The form on the left, which is the default, is exact. The one on the right holds where the likelihood hardly changes
+over the jitter, and does not weigh the particles by z: q already did. Both sums together are the evidence of z: the
+filter's ``log_evidence``.
 """
 
 import math
@@ -38,8 +39,8 @@ class BayesRestart(Recovery):
         hazard: :math:`\epsilon`.
         share: of the particles that are spent on restarts: m/p. It does not change the belief, only its noise. A
             filter of one particle never restarts.
-        weigh_jitter: weigh restarts by the likelihood at their own pose (the form on the left): exact, at the cost of
-            m more likelihoods.
+        weigh_jitter: weigh restarts by the likelihood at their own pose (the form on the left), at the cost of m more
+            likelihoods; false takes that of the image they were drawn at.
 
     Raises:
         UserError: the hazard or the share is not between 0 and 1.
@@ -47,7 +48,7 @@ class BayesRestart(Recovery):
 
     hazard: float = 1e-3
     share: float = 0.1
-    weigh_jitter: bool = False
+    weigh_jitter: bool = True
 
     def __post_init__(self) -> None:
         check_share("hazard", self.hazard)

@@ -72,7 +72,7 @@ def baselines(
         for name, method in methods.items()
     }
     if not {reference, query} <= set(train.conditions):
-        reason = f"the training split lacks {reference} or {query}"
+        reason = f"there are no training images of both {reference} and {query}"
         return found, left_out | dict.fromkeys(pair_supervised(*size), reason)
     first, second = training_pairs(train, reference, query, tolerance)
     for name, paired in pair_supervised(*size).items():

@@ -63,7 +63,7 @@ class QueryReport:
         stopped: queries whose picture is that of the frame before or after, as at a stop.
         ceiling: recall@1 that a descriptor of single images can expect if equal pictures are all that it confuses.
         methods: results by name, the network last.
-        left_out: baselines that could not learn from the training split, with the reason.
+        left_out: baselines that could not learn from the images given to them, with the reason.
     """
 
     protocol: RetrievalProtocol
@@ -173,13 +173,19 @@ def nearest_with_values(described: Described, k: int) -> Neighbours:
     return FlatIndex(described.reference).search(described.query, k)
 
 
-def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior]) -> dict[str, float]:
-    """Figures of the network under their full names; MLflow allows no @ in them: ``R_at_1``."""
+def metrics(reports: list[QueryReport], posteriors: list[PlacePosterior] | None) -> dict[str, float]:
+    """Figures of the network under their full names; MLflow allows no @ in them: ``R_at_1``.
+
+    Args:
+        reports: of each condition.
+        posteriors: of the same; None where no validation split gave a temperature.
+    """
     found: dict[str, float] = {}
-    for report, posterior in zip(reports, posteriors, strict=True):
+    fitted: list[PlacePosterior | None] = [None] * len(reports) if posteriors is None else [*posteriors]
+    for report, posterior in zip(reports, fitted, strict=True):
         ours = report.methods[NETWORK]
         found |= ours.recall.named(report.protocol) | ours.curve.named(report.protocol)
-        found |= posterior.named(report.protocol)
+        found |= {} if posterior is None else posterior.named(report.protocol)
         found[report.protocol.name("R@1_sequence")] = float(ours.sequence_hit.mean())
         if report.flat.any() and not report.flat.all():
             found[report.protocol.name("R@1_not_flat")] = float(ours.hit[~report.flat].mean())
