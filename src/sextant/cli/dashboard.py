@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 USAGE = "sextant dashboard [port=5000] [serve=true]\nsextant dashboard tracking=server tracking.uri=http://host:5000"
 HOST = "127.0.0.1"
+#: the list of experiments, in MLflow's mode for models that are trained: it opens that for language models otherwise
+PAGE = "#/experiments?workflowType=machine_learning"
 LOOK_EVERY_S = 30.0
 
 
@@ -99,7 +101,7 @@ def _serve(store: "Store", outputs: Path, port: int) -> None:
     from sextant.tracking.server import guarded, server_command
 
     assert store.artifacts is not None
-    console.print(f"[bold]http://{HOST}:{port}[/]  (Ctrl-C ends it)")
+    console.print(f"[bold]http://{HOST}:{port}/{PAGE}[/]  (Ctrl-C ends it)")
     with guarded(server_command(HOST, port, store.uri, store.artifacts.as_uri())) as server:
         while server.poll() is None:
             try:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sextant.config import Config
 from sextant.config.schema.launchers import SlurmLauncher
@@ -17,6 +18,9 @@ from sextant.lifecycle.sweep_plan import Planned, make_plan
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
+
+if TYPE_CHECKING:
+    from sextant.lifecycle.parent_page import ParentPage
 
 POLL_S = 1.0
 #: runs cells and says how each ended, None for one that was left to a cluster
@@ -122,10 +126,11 @@ def _run_missing(
     plan: SweepPlan, missing: list[CellTask], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
 ) -> tuple[SweepPlan, set[str]]:
     added = ["trainer.progress=false", "paths.outputs='{}'".format(str(outputs).replace("'", r"\'"))]
-    parent = None
+    parent, page = None, None
     plan = replace(plan, began=plan.began or time.time(), ended=0.0)
     plan.write(outputs)
     if config.tracking.kind != "none":
+        from sextant.lifecycle.parent_page import ParentPage
         from sextant.tracking.refill import catch_up
         from sextant.tracking.sweep_parent import open_parent
 
@@ -134,10 +139,11 @@ def _run_missing(
         if parent.run_id not in plan.mlflow_runs:
             plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
         plan.write(outputs)
+        page = ParentPage(parent, plan, outputs, reporter)
         added.append(f"tracking.parent_run={parent.run_id}")
         catch_up(config.tracking.kind, config.tracking.uri, outputs, reporter)
     try:
-        with _watched([RunDirectory(cell.run) for cell in missing], reporter):
+        with _watched([RunDirectory(cell.run) for cell in missing], reporter, page):
             outcomes = run_cells([replace(cell, overrides=(*cell.overrides, *added)) for cell in missing])
     except BaseException as error:
         plan = _ended(plan, outputs)
@@ -153,6 +159,8 @@ def _run_missing(
         plan.write(outputs)
     else:
         plan = _ended(plan, outputs)
+        if page is not None:
+            page.end(plan)
         if parent is not None:
             parent.status("FAILED" if failed else "FINISHED", plan.ended)
     return plan, left
@@ -165,7 +173,7 @@ def _ended(plan: SweepPlan, outputs: Path) -> SweepPlan:
 
 
 @contextmanager
-def _watched(missing: list[RunDirectory], reporter: RunReporter) -> Iterator[None]:
+def _watched(missing: list[RunDirectory], reporter: RunReporter, page: "ParentPage | None") -> Iterator[None]:
     """Report how many runs are done by looking at their directories: it works with every launcher."""
     done = threading.Event()
 
@@ -173,6 +181,8 @@ def _watched(missing: list[RunDirectory], reporter: RunReporter) -> Iterator[Non
         with reporter.running() as advance:
             while True:
                 advance(sum(run.metrics.is_file() for run in missing), len(missing))
+                if page is not None:
+                    page.look()
                 if done.wait(POLL_S):
                     return
 

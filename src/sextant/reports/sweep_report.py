@@ -121,6 +121,12 @@ def figures(results: SweepResults, summaries: list[Summary], rows: list[Contrast
                 accuracy[s.arm][s.condition] = s.mean / 100
                 bands[s.arm][s.condition] = (s.low / 100, s.high / 100)
             made.append((f"severity_{slug(setting)}", severity_curves(levels, accuracy, bands)))
+    return made + contrast_figures(results, rows)
+
+
+def contrast_figures(results: SweepResults, rows: list[ContrastRow]) -> "list[tuple[str, Figure]]":
+    """A forest plot of each contrast."""
+    made = []
     for contrast in _names(rows):
         panels = [
             (setting, [_forest_row(row) for row in rows if row.contrast == contrast and row.setting == setting])

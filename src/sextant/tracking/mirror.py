@@ -128,7 +128,7 @@ def open_mirror(
         found = store.client.search_runs([experiment_id], query, max_results=1)
         run_id = found[0].info.run_id if found else None
     if run_id is None:
-        tags = {"mlflow.runName": name, "sextant.run": key, **_provenance_tags(state)}
+        tags = {"mlflow.runName": name, "sextant.run": key, **_kind_tags(state), **_provenance_tags(state)}
         run_id = store.client.create_run(experiment_id, start_time=started, tags=tags, run_name=name).info.run_id
     if run_id not in directory.tracking_ids():
         directory.update_state({"mlflow_runs": [*directory.tracking_ids(), run_id]})
@@ -202,6 +202,14 @@ def known_run(store: Store, run_ids: list[str], *, deleted: bool = False) -> str
         if deleted or run.info.lifecycle_stage == "active":
             return run_id
     return None
+
+
+def _kind_tags(state: Mapping[str, Any]) -> dict[str, str]:
+    """What a run is of, by the names of its parts' classes: ``dataset: Digits``."""
+    params = state.get("params", {})
+    parts = {name: str(params.get(f"{name}._target_") or "") for name in ("dataset", "corruption", "backbone", "loss")}
+    tags = {name: target.rpartition(".")[2] for name, target in parts.items() if target}
+    return {"task": str(state.get("task", "")), **tags}
 
 
 def _provenance_tags(state: Mapping[str, Any]) -> dict[str, str]:

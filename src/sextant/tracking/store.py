@@ -19,6 +19,20 @@ if TYPE_CHECKING:
 
 Kind = Literal["sqlite", "server"]
 
+HOW_TO_READ = (
+    "Runs with a plus sign are sweeps: their page has the question, the command and what was found. Their runs are "
+    "named by arm, setting and seed. To compare runs, select them and choose *Compare*; group the list by the tag "
+    "`arm` to see an arm's mean."
+)
+#: what the experiments hold that are named after a task
+EXPERIMENTS = {
+    "classification": "Push-pull inhibition against image corruptions (chapter 7).",
+    "calibration": "Tilt, roll, focal length and distortion from one image (chapter 2).",
+    "place_recognition": "Descriptors that survive weather and season (chapter 3).",
+    "localization": "Gaussian processes in a particle filter (chapters 4 and 5).",
+    "cosfire": "Filters configured from one example (chapter 6).",
+}
+
 
 @dataclass(frozen=True)
 class Store:
@@ -48,14 +62,26 @@ class Store:
         if found is None:
             location = None if self.artifacts is None else (self.artifacts / name).as_uri()
             try:
-                return str(self.client.create_experiment(name, artifact_location=location))
+                return str(self.client.create_experiment(name, artifact_location=location, tags=experiment_tags(name)))
             except MlflowException:
                 found = self.client.get_experiment_by_name(name)
                 if found is None:
                     raise
         if found.lifecycle_stage == "deleted":
             self.client.restore_experiment(found.experiment_id)
+        for key, value in experiment_tags(name).items():
+            if key not in found.tags:  # what a user wrote stays
+                self.client.set_experiment_tag(found.experiment_id, key, value)
         return str(found.experiment_id)
+
+
+def experiment_tags(name: str) -> dict[str, str]:
+    """What makes MLflow show an experiment as one of models that are trained, and what it says of it.
+
+    Without the kind MLflow infers one from what was logged last, and may open its pages for language models.
+    """
+    note = f"{EXPERIMENTS.get(name, 'Runs of Sextant.')}\n\n{HOW_TO_READ}"
+    return {"mlflow.experimentKind": "custom_model_development", "mlflow.note.content": note}
 
 
 def sqlite_uri(outputs: Path) -> str:

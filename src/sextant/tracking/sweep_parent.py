@@ -1,14 +1,23 @@
 """The MLflow run that stands for a sweep; its cells are its children."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
+from urllib.parse import urlencode
 
+from sextant.atomic_files import read_json
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
-from sextant.runs.sweep_directory import SweepPlan, read_plan
+from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 from sextant.tracking.mirror import PARENT, MirroredRun, Status, ended_at, known_run, milliseconds
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
+
+#: in the directory of a sweep: what its parent run shows, and the figures there
+PAGE, PICTURES = "page.json", "page"
+#: in the page: stands for the parent's id, which changes when a store is filled anew
+PARENT_ID = "PARENT"
 
 
 def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, experiment: str) -> MirroredRun:
@@ -32,9 +41,58 @@ def _find_or_make(store: Store, experiment_id: str, plan: SweepPlan, outputs: Pa
     found = store.client.search_runs([experiment_id], query, max_results=1)  # made, and killed before the note of it
     if found:
         return MirroredRun(store, found[0].info.run_id)
-    tags = {"mlflow.runName": key, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
-    made = store.client.create_run(experiment_id, start_time=began, tags=tags, run_name=key)
+    tags = {"mlflow.runName": plan.name, "sextant.sweep": key, "sextant.command": " ".join(plan.command)}
+    if plan.definition.get("question"):
+        tags["mlflow.note.content"] = str(plan.definition["question"])
+    made = store.client.create_run(experiment_id, start_time=began, tags=tags, run_name=plan.name)
     return MirroredRun(store, made.info.run_id)
+
+
+def artifact_address(path: str) -> str:
+    """Where MLflow's server gives out an artifact of the parent, relative to its pages; see :func:`send_page`."""
+    return f"get-artifact?{urlencode({'path': path, 'run_uuid': PARENT_ID})}"
+
+
+def send_page(parent: MirroredRun, directory: Path) -> None:
+    """Send the page of a sweep and its pictures, if the sweep's directory has them."""
+    page = read_json(directory / PAGE)
+    if page is None:
+        return
+    text = str(page["text"]).replace(PARENT_ID, parent.run_id)
+    parent.tags({"mlflow.note.content": text, **page["tags"]})
+    parent.params(page["params"])
+    parent.log(page["metrics"], page["step"], milliseconds(time.time()))
+    parent.flush()
+    parent.artifacts(directory / PICTURES)
+
+
+def label_cells(
+    parent: MirroredRun, plan: SweepPlan, outputs: Path, tags: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Name the runs of a sweep by arm, setting and seed, and tag them; arms that read answers of one run share it."""
+    cells: dict[str, list[Cell]] = {}
+    for cell in plan.cells:
+        cells.setdefault(cell.run, []).append(cell)
+    for run, of_run in cells.items():
+        found = known_run(parent.store, RunDirectory(outputs / run).tracking_ids())
+        if found is None:
+            continue
+        arms, first = [cell.arm for cell in of_run], of_run[0]
+        name = run_name(arms, first.setting, first.seed)
+        if parent.store.client.get_run(found).info.run_name != name:
+            note = f"{name}, of the sweep {plan.name}. {plan.definition.get('question') or ''}".rstrip()
+            own = {"mlflow.runName": name, "arm": " + ".join(arms), "setting": first.setting, "sweep": plan.name}
+            own["mlflow.note.content"] = note
+            MirroredRun(parent.store, found).tags({**own, **tags})
+
+
+def run_name(arms: Sequence[str], setting: str, seed: int) -> str:
+    """What a run of a sweep is called.
+
+    >>> run_name(["push_pull"], "lenet_a", 3)
+    'push_pull lenet_a seed 3'
+    """
+    return " ".join([" + ".join(arms), *([] if setting == "-" else [setting]), f"seed {seed}"])
 
 
 def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
@@ -88,6 +146,7 @@ def _repair(store: Store, outputs: Path, plan: SweepPlan, report: Path, changed:
         plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
         plan.write(outputs)
         parent.artifacts(report)
+        send_page(parent, report.parent)
     else:
         parent = MirroredRun(store, known)
     for run in runs if known is None else [run for run in runs if run in changed]:
@@ -95,6 +154,8 @@ def _repair(store: Store, outputs: Path, plan: SweepPlan, report: Path, changed:
         child = known_run(store, run.tracking_ids())
         if child is not None and (begun_by is None or begun_by in plan.mlflow_runs):
             MirroredRun(store, child).tags({PARENT: parent.run_id})
+    if known is None or any(run in changed for run in runs):
+        label_cells(parent, plan, outputs)
     ended = known is None or store.client.get_run(known).info.status == "RUNNING"
     if ended:
         parent.status(_status(plan, runs), plan.ended or max(map(ended_at, runs)))

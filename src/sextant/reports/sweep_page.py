@@ -1,0 +1,104 @@
+"""What a dashboard shows of a sweep at a glance: its question, how far it is, and what it found."""
+
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from sextant.reports.contrasts import ContrastRow, contrasts
+from sextant.reports.results import SweepResults
+from sextant.reports.tables import TextTable, interval, number
+from sextant.runs.sweep_directory import SweepPlan
+
+#: failures that are told, and how much of each
+MOST_FAILURES, LINE = 5, 200
+#: rows of the table, and effects among the metrics; the report has all of them
+MOST_ROWS, MOST_EFFECTS = 25, 12
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a sweep is.
+
+    Attributes:
+        done: runs that have ended, of those that it plans.
+        planned: different runs.
+        failures: what went wrong, by run.
+        left_s: estimate of what remains, nan while nothing has ended.
+    """
+
+    done: int
+    planned: int
+    failures: dict[str, str] = field(default_factory=dict)
+    left_s: float = float("nan")
+
+
+@dataclass(frozen=True)
+class SweepPage:
+    """Text and numbers of the page."""
+
+    text: str
+    metrics: dict[str, float]
+
+
+def sweep_page(
+    plan: SweepPlan, progress: Progress, results: SweepResults | None, pictures: Sequence[str] = ()
+) -> SweepPage:
+    """The page of a sweep.
+
+    Args:
+        plan: of the sweep.
+        progress: of its runs.
+        results: of the runs that have ended; None while there are none.
+        pictures: addresses of the figures of its contrasts.
+    """
+    rows = [] if results is None else [row for row in contrasts(results) if row.paired is not None]
+    parts = [f"**{plan.definition.get('question') or plan.name}**\n", _how_far(progress)]
+    if results is not None and rows:
+        told = f"{results.measure.difference.capitalize()}; {results.measure.better} is better."
+        parts += [f"{told}\n", *(f"![contrast]({address})\n" for address in pictures), _table(rows[:MOST_ROWS])]
+    if progress.failures:
+        failed = list(progress.failures.items())[:MOST_FAILURES]
+        parts.append("Failed:\n\n" + "".join(f"- `{run}`: {why[:LINE]}\n" for run, why in failed))
+    parts.append(
+        f"```\npython train.py -m {shlex.join(plan.command)}\nsextant report sweep={plan.name}-{plan.digest[:8]}\n```\n"
+    )
+    metrics = {"runs/done": float(progress.done), "runs/planned": float(progress.planned)}
+    metrics["runs/failed"] = float(len(progress.failures))
+    if progress.left_s == progress.left_s:
+        metrics["minutes_left"] = progress.left_s / 60
+    effects = [row for row in rows if row.contrast != plan.definition.get("noise_floor")]
+    several = len({row.contrast for row in effects}) > 1
+    for row in effects[:MOST_EFFECTS]:
+        metrics |= _metrics(row, row.contrast if several else "")
+    return SweepPage("\n".join(parts), metrics)
+
+
+def _how_far(progress: Progress) -> str:
+    left = progress.left_s / 60
+    told = f", some {left:.0f} minutes left" if left == left and progress.done < progress.planned else ""
+    return f"{progress.done} of {progress.planned} runs have ended{told}.\n"
+
+
+def _table(rows: Sequence[ContrastRow]) -> str:
+    columns = ["contrast", "setting", "condition", "difference", "95 % over seeds", "pairs", "p (Wilcoxon, Holm)"]
+    body = [
+        [
+            *(row.contrast, row.setting, row.condition),
+            *(number(row.paired.mean, sign=True), interval(row.paired.low, row.paired.high, sign=True)),
+            *(str(row.paired.seeds), number(row.p_holm, 3)),
+        ]
+        for row in rows
+        if row.paired is not None
+    ]
+    return TextTable(columns, body).markdown()
+
+
+def _metrics(row: ContrastRow, contrast: str) -> dict[str, float]:
+    """Under names that MLflow takes: letters, digits, and a few signs; what comes before a stroke is a group there."""
+    paired = row.paired
+    assert paired is not None
+    words = [contrast, "" if row.setting == "-" else row.setting, row.condition.replace("/", " ")]
+    name = re.sub(r"[^\w. -]+", "_", " ".join(word for word in words if word))
+    found = {"effect": paired.mean, "low": paired.low, "high": paired.high, "p": row.p_holm}
+    return {f"{kind}/{name}": value for kind, value in found.items() if value == value}
