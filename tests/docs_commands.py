@@ -163,6 +163,10 @@ def _doctor(command: Command, words: list[str]) -> None:
     _among("sextant doctor", " ".join(words), ["", "calibration"])
 
 
+def _compare(command: Command, words: list[str]) -> None:
+    _among(command.text, "two runs", ["two runs"] if sum(word.startswith("run=") for word in words) == 2 else [])
+
+
 def _dashboard(command: Command, words: list[str]) -> None:
     parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
@@ -180,6 +184,7 @@ VERBS = {
     "claims": _claims,
     "data": _data,
     "runs": _runs,
+    "compare": _compare,
     "doctor": _doctor,
     "dashboard": _dashboard,
 }

@@ -21,7 +21,8 @@ VERBS = {
     "claims": ("sextant.cli.claims", "decide the claims of the thesis, and write their board"),
     "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
-    "doctor": ("sextant.cli.doctor", "check the geometry, losses and crops of calibration on this machine"),
+    "compare": ("sextant.cli.compare", "what two runs differ in, and whether seeds alone make their metrics differ so"),
+    "doctor": ("sextant.cli.doctor", "look at versions, data, runs and hardware; or check the geometry of calibration"),
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }
 

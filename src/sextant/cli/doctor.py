@@ -1,6 +1,7 @@
 """``sextant doctor``: whether what results rest on holds on this machine."""
 
 import math
+import os
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -14,17 +15,38 @@ from sextant.errors import UserError
 if TYPE_CHECKING:
     from sextant.evaluation.calibration.doctor import Crop, CrossTalk, Finding
 
-USAGE = "sextant doctor calibration"
+USAGE = "sextant doctor [calibration]"
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run the checks of one chapter; exit status 1 if one fails."""
+    """Look at this machine, or run the checks of one chapter; exit status 1 if one fails."""
     if any(argument in ("-h", "--help") for argument in arguments):
-        print(f"{USAGE}\n\n  calibration  the geometry, losses and crops of single-image calibration, in seconds")
+        print(
+            f"{USAGE}\n\n  by itself    versions, data, runs and their store, threads, disk, GPU"
+            "\n  calibration  the geometry, losses and crops of single-image calibration, in seconds"
+        )
+    elif not arguments:
+        _machine()
     elif list(arguments) == ["calibration"]:
         _calibration()
     else:
         raise UserError(f"doctor {' '.join(arguments)}: not understood".replace("  ", " "), USAGE)
+
+
+def _machine() -> None:
+    from sextant.runs.machine import machine_facts
+    from sextant.runs.outputs_folder import default_outputs
+
+    table, bad = Table(box=None, show_header=False), 0
+    shown = {"good": "[green]good[/]", "note": "[yellow]note[/]", "bad": "[red]BAD[/]"}
+    before = ""
+    for fact in machine_facts(default_outputs(), os.environ.get("SEXTANT_DATA")):
+        topic = fact.topic if fact.topic != before else ""
+        table.add_row(f"[bold]{topic}[/]", escape(fact.name), escape(fact.found), shown[fact.state])
+        before, bad = fact.topic, bad + (fact.state == "bad")
+    console.print(table)
+    if bad:
+        raise SystemExit(1)
 
 
 def _calibration() -> None:
