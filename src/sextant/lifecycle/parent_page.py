@@ -38,6 +38,7 @@ class ParentPage:
         self.runs = [outputs / run for run in dict.fromkeys(cell.run for cell in plan.cells)]
         self.began, self.before = time.time(), self._done()
         self._looked, self._failed = 0.0, False
+        self._named: set[str] = set()
 
     def look(self) -> None:
         """Write the page anew, if the last time is a while ago."""
@@ -67,7 +68,7 @@ class ParentPage:
         pictures = [] if results is None or not ended else self._pictures(results)
         page = sweep_page(self.plan, self._progress(), results, pictures)
         tags = self._tags()
-        label_cells(self.parent, self.plan, self.outputs, tags)
+        self._named |= label_cells(self.parent, self.plan, self.outputs, tags, self._named)
         kept = {"text": page.text, "tags": tags, "params": self._params(), "metrics": page.metrics, "step": done}
         write_json(self.directory / PAGE, kept)
         send_page(self.parent, self.directory)

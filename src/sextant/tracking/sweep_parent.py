@@ -1,7 +1,7 @@
 """The MLflow run that stands for a sweep; its cells are its children."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -67,16 +67,26 @@ def send_page(parent: MirroredRun, directory: Path) -> None:
 
 
 def label_cells(
-    parent: MirroredRun, plan: SweepPlan, outputs: Path, tags: Mapping[str, str] = MappingProxyType({})
-) -> None:
-    """Name the runs of a sweep by arm, setting and seed, and tag them; arms that read answers of one run share it."""
+    parent: MirroredRun,
+    plan: SweepPlan,
+    outputs: Path,
+    tags: Mapping[str, str] = MappingProxyType({}),
+    named: Container[str] = (),
+) -> set[str]:
+    """Name the runs of a sweep by arm, setting and seed, and tag them; arms that read answers of one run share it.
+
+    Those ``named`` before are passed over; all that have a name now are returned.
+    """
     cells: dict[str, list[Cell]] = {}
     for cell in plan.cells:
-        cells.setdefault(cell.run, []).append(cell)
+        if cell.run not in named:
+            cells.setdefault(cell.run, []).append(cell)
+    found_now: set[str] = set()
     for run, of_run in cells.items():
         found = known_run(parent.store, RunDirectory(outputs / run).tracking_ids())
         if found is None:
             continue
+        found_now.add(run)
         arms, first = [cell.arm for cell in of_run], of_run[0]
         name = run_name(arms, first.setting, first.seed)
         if parent.store.client.get_run(found).info.run_name != name:
@@ -84,6 +94,7 @@ def label_cells(
             own = {"mlflow.runName": name, "arm": " + ".join(arms), "setting": first.setting, "sweep": plan.name}
             own["mlflow.note.content"] = note
             MirroredRun(parent.store, found).tags({**own, **tags})
+    return found_now
 
 
 def run_name(arms: Sequence[str], setting: str, seed: int) -> str:
