@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from scipy.ndimage import gaussian_filter
 from tiny_office import office_run, pose_error
 from tiny_places import tiny_checkpoint
@@ -250,6 +251,29 @@ def test_a_runs_map_has_what_the_run_calibrated_and_filtered_with(office):
     assert rows.shape == (3, localizer.model.map.dimension)
 
 
+def test_images_may_be_files_pictures_arrays_and_lists_of_any_size(corridor, tmp_path):
+    pictures = [Image.fromarray(image) for image in corridor.images]
+    files = [tmp_path / f"{number:03d}.png" for number in range(len(pictures))]
+    for picture, file in zip(pictures, files, strict=True):
+        picture.save(file)
+    poses = corridor.poses.tolist()
+    given = ((corridor.images, "Pixels"), (pictures, "pixels"), (files, Pixels()))
+    made = [Localizer.from_images(images, poses, name, kernel=KERNEL, seed=3) for images, name in given]
+    first = made[0].model.map.descriptors
+    assert all(torch.equal(one.model.map.descriptors, first) for one in made[1:])
+    seen = corridor.at(3.0)
+    enlarged = Image.fromarray(seen).resize((96, 64), Image.Resampling.NEAREST)
+    steps = [made[0].describe(image) for image in (seen, seen.tolist(), Image.fromarray(seen))]
+    assert all(np.array_equal(step, steps[0]) for step in steps)
+    np.testing.assert_allclose(made[0].describe(enlarged), steps[0], atol=0.05)
+
+
+def test_a_map_of_few_images_is_one(corridor):
+    localizer = Localizer.from_images(corridor.images[:5], corridor.poses[:5], "WhitenedPCA", kernel=KERNEL)
+    assert localizer.model.map.dimension == 4
+    assert np.isfinite(localizer.step(None, corridor.images[2]).pose).all()
+
+
 # --- mistakes ---------------------------------------------------------------------------------------------------------
 
 
@@ -258,8 +282,9 @@ def test_a_runs_map_has_what_the_run_calibrated_and_filtered_with(office):
     [
         ({"descriptor": np.zeros(7, np.float32)}, "descriptors of 7 values"),
         ({"descriptor": np.full(384, np.nan, np.float32)}, "finite"),
-        ({"image": np.zeros((16, 24, 3), np.uint8)}, "uint8 16x24x3; the map's are uint8 32x48x3"),
-        ({"image": np.zeros((32, 48), np.uint8)}, "32x48"),
+        ({"image": np.zeros((32, 48, 3))}, "float64 32x48x3; the network takes uint8 32x48x3"),
+        ({"image": np.zeros((32, 48, 2), np.uint8)}, "uint8 32x48x2"),
+        ({"image": "gone.png"}, "gone.png: there is no such file"),
         ({"image": np.zeros((32, 48, 3), np.uint8), "descriptor": np.zeros(384, np.float32)}, "an image and a desc"),
         ({"motion": (np.nan, 0, 0)}, "three finite numbers"),
         ({"motion": (1, 0)}, "three finite numbers"),
@@ -280,7 +305,9 @@ def test_a_step_that_does_not_fit_the_map_is_refused_and_changes_nothing(corrido
         ({"poses": np.zeros((3, 3))}, "for 80 images"),
         ({"poses": np.full((80, 3), np.nan)}, "poses that are not finite"),
         ({"poses": np.zeros((80, 3))}, "same x, y and heading"),
-        ({"images": np.zeros((0, 32, 48, 3), np.uint8)}, "images are uint8"),
+        ({"images": np.zeros((0, 32, 48, 3), np.uint8)}, "images: there is none"),
+        ({"images": np.zeros((1, 32, 48, 3), np.uint8), "poses": np.zeros((1, 3))}, "the map has one image"),
+        ({"poses": [[0, 0], [1]]}, "for 80 images"),
         ({"particles": 0}, "particles=0 must be at least 1"),
         ({"start": "somewhere"}, "start=somewhere must be one of uniform, appearance"),
     ],

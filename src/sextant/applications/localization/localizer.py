@@ -21,7 +21,13 @@ from torch import Tensor
 
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor
 from sextant.applications.localization.kept_filter import usual_filter, usual_radius
-from sextant.applications.localization.localizer_folder import described_map, open_localizer, save_localizer
+from sextant.applications.localization.localizer_folder import (
+    checked_poses,
+    described_map,
+    open_localizer,
+    save_localizer,
+)
+from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.appearance_change import AppearanceChange
@@ -140,7 +146,7 @@ class Localizer:
     def step(
         self,
         motion: Sequence[float] | Float[ndarray, "3"] | None = None,
-        image: UInt8[ndarray, "h w *c"] | None = None,
+        image: AnyImage | None = None,
         descriptor: Float[ndarray, " d"] | None = None,
     ) -> LocalizedPose:
         """Move, look, and tell where the robot is.
@@ -148,7 +154,7 @@ class Localizer:
         Args:
             motion: dx, dy in the unit of the map and dtheta in rad since the step before, in the robot's frame then.
                 None if it is unknown: particles then spread as the motion model says. Of the first step it is ignored.
-            image: bytes, of the size of the map's images; None if nothing is seen.
+            image: a file, bytes or a picture, stretched to the size of the map's images; None if nothing is seen.
             descriptor: of the image, in its place: as the map's were, before whitening.
 
         Raises:
@@ -189,24 +195,18 @@ class Localizer:
             raise UserError("nothing is believed before the first step", "Call step(motion, image) first.")
         return self._state.belief
 
-    def describe(self, image: UInt8[ndarray, "h w *c"]) -> Float32[ndarray, " d"]:
+    def describe(self, image: AnyImage) -> Float32[ndarray, " d"]:
         """The descriptor of an image, before whitening.
 
         Raises:
-            UserError: the image is not like the map's, or the map has no descriptor.
+            UserError: it is no image, or the map has no descriptor.
         """
         if self.descriptor.describer is None:
             raise UserError(
                 "the map was described by vectors from elsewhere, so images cannot be described",
                 "Give its vector: step(motion, descriptor=vector); or what describes it: load(folder, descriptor=...)",
             )
-        pixels = image[..., None] if image.ndim == 2 else image
-        if pixels.dtype != np.uint8 or pixels.ndim != 3 or (self.image_size and pixels.shape != self.image_size):
-            size = "height x width x channels" if self.image_size is None else "x".join(map(str, self.image_size))
-            raise UserError(
-                f"the image is {image.dtype} {'x'.join(map(str, image.shape))}; the map's are uint8 {size}",
-                "Resize it as the map's images were.",
-            )
+        pixels = as_pixels(image, self.image_size)
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
 
     def _evidence(self, seen: Tensor, moved: Tensor) -> Evidence:
@@ -229,7 +229,7 @@ class Localizer:
         way = float(moved[:2].norm()) / (2 * support.reach) + abs(float(moved[2])) / (2 * support.heading_reach)
         return min(1.0, way)
 
-    def _seen(self, image: ndarray | None, descriptor: ndarray | None) -> Tensor | None:
+    def _seen(self, image: AnyImage | None, descriptor: ndarray | None) -> Tensor | None:
         if image is not None and descriptor is not None:
             raise UserError("step() was given an image and a descriptor", "Give one of the two.")
         if image is not None:
@@ -300,8 +300,8 @@ class Localizer:
     @classmethod
     def from_images(
         cls,
-        images: UInt8[ndarray, "n h w c"],
-        poses: Float[ndarray, "n 3"],
+        images: UInt8[ndarray, "n h w c"] | Sequence[AnyImage],
+        poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]],
         descriptor: Describes | str | Path | None = None,
         *,
         kernel: PoseKernel | None = None,
@@ -319,10 +319,10 @@ class Localizer:
         """Make a map of images at known poses.
 
         Args:
-            images: bytes.
+            images: bytes; or files, arrays or pictures, stretched to the size of the first.
             poses: x, y in metres and heading in rad, counter-clockwise.
-            descriptor: one of :mod:`sextant.baselines`, a run of place recognition, or anything with ``describe``;
-                whitened principal components of 32x48 pixels unless given.
+            descriptor: one of :mod:`sextant.baselines` or its name, a run of place recognition, or anything with
+                ``describe``; whitened principal components of 32x48 pixels unless given.
             kernel: fitted unless given, by the joint likelihood of at most 600 of the images.
             observation: to be fitted; the cached local Gaussian process unless given.
             likelihood: with a tempering of 0.125 unless given; then how the world has changed is learned on the way.
@@ -335,8 +335,9 @@ class Localizer:
         Raises:
             UserError: the images and poses do not make a map.
         """
-        kept, rows = described_map(images, poses, descriptor)
-        where = torch.from_numpy(np.array(poses, np.float64))
+        images = several_pixels(images)
+        where = checked_poses(poses, len(images))
+        kept, rows = described_map(images, descriptor)
         found = DescriptorMap.of(where, torch.from_numpy(rows), merge_duplicates=merge_duplicates)
         if observation is None:
             from sextant.localization.observation.cached_local_gp import CachedLocalGP

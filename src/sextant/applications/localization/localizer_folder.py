@@ -1,16 +1,20 @@
 """A localizer as a folder, and back; and the descriptors of images that a map is made of."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+import torch
+from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
+from torch import Tensor
 
 from sextant.applications.kept_descriptor import (
     Describes,
     KeptDescriptor,
+    find_baseline,
     kept_baseline,
     kept_network,
     load_descriptor,
@@ -146,23 +150,38 @@ def _without_settings(
     }
 
 
+def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], images: int) -> Float64[Tensor, "n 3"]:
+    """The poses of the images of a map.
+
+    Raises:
+        UserError: there is not one for each image, or all images are of one place.
+    """
+    try:
+        where = np.array(poses, np.float64)
+    except (ValueError, TypeError):
+        where = np.empty(0)
+    if where.shape != (images, 3):
+        raise UserError(f"poses have shape {where.shape} for {images} images", "Give x, y and heading of each image.")
+    if images < 2:
+        raise UserError("the map has one image, and places are told apart by at least two", "Add images.")
+    return torch.from_numpy(where)
+
+
 def described_map(
-    images: UInt8[ndarray, "n h w c"], poses: Float[ndarray, "n 3"], descriptor: Describes | str | Path | None
+    images: UInt8[ndarray, "n h w c"], descriptor: Describes | str | Path | None
 ) -> tuple[KeptDescriptor, Float32[ndarray, "n d"]]:
     """Descriptors of the images of a map, and the descriptor, which has learnt from them.
 
     Raises:
-        UserError: there is not one pose for each image, they are no images, or too few for the descriptor.
+        UserError: they are no images, or too few for the descriptor.
     """
-    if images.ndim != 4 or images.dtype != np.uint8 or images.shape[3] not in (1, 3) or not len(images):
+    if images.shape[3] not in (1, 3):
         raise UserError(
             f"images are {images.dtype} {images.shape}; they must be uint8, n x height x width x 1 or 3",
             "For example numpy.stack of photos of one size.",
         )
-    if poses.shape != (len(images), 3):
-        raise UserError(
-            f"poses have shape {poses.shape} for {len(images)} images", "Give x, y and heading of each image."
-        )
+    if isinstance(descriptor, str) and (kind := find_baseline(descriptor)) is not None:
+        descriptor = kind()
     if isinstance(descriptor, str | Path):
         kept = kept_network(resolve_run(str(descriptor), default_outputs()).checkpoint)
     else:
