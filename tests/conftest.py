@@ -59,6 +59,12 @@ def pytest_runtest_call(item):
             end_workers()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def cache_of_weights(tmp_path_factory):
+    """Converted weights are kept here, not in the folder of whoever runs the tests."""
+    os.environ["SEXTANT_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+
+
 @pytest.fixture(scope="session")
 def real_data():
     """The folder named by SEXTANT_DATA."""

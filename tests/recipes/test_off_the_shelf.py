@@ -15,7 +15,8 @@ from sextant.config import validate
 from sextant.config.schema.places.parts import OffTheShelf
 from sextant.errors import UserError
 from sextant.models import ResNetCifar
-from sextant.recipes.off_the_shelf import IMAGENET_MEAN, IMAGENET_STD, off_the_shelf, weights_identity
+from sextant.models.trunk_input import IMAGENET_MEAN, IMAGENET_STD
+from sextant.recipes.off_the_shelf import off_the_shelf, weights_identity
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (3, 64, 96, 3)).astype(np.uint8)
 

@@ -4,8 +4,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from sextant.config.schema import Config
+from sextant.config.schema.parts import CustomPart
 from sextant.config.validate import validate
 from sextant.errors import UserError
+
+#: keys of a backbone that name weights it starts from, and what stands there for none
+STARTS_FROM = {"weights": None, "pretrained": False}
+
+
+def without_weights(config: Config) -> Config:
+    """The same network with new weights: a trained one brings its own, wherever those that it started from are now."""
+    node = config.plain.get("backbone")
+    if node is None or isinstance(config.backbone, CustomPart):
+        return config
+    none = {key: value for key, value in STARTS_FROM.items() if key in node}
+    return validate({**config.plain, "backbone": {**node, **none}})
 
 
 def trained_config(raw: Mapping[str, Any], task: str, *, trust: bool = False) -> Config:

@@ -5,6 +5,7 @@ from sextant.models.caffenet import CaffeNet
 from sextant.models.calibration_net import CalibrationNet, CalibrationOutput, coordinate_channels
 from sextant.models.cost import LayerCost, NetworkCost, network_cost
 from sextant.models.densenet_cifar import DenseNetCifar
+from sextant.models.efficientnet_lite0 import EfficientNetLite0, efficientnet_lite0_classifier
 from sextant.models.feature_map import FeatureMap
 from sextant.models.lenet import LeNet
 from sextant.models.oriented_cnn import OrientedCNN, OrientedGradients
@@ -24,6 +25,7 @@ __all__ = [
     "CalibrationNet",
     "CalibrationOutput",
     "DenseNetCifar",
+    "EfficientNetLite0",
     "FeatureMap",
     "LayerCost",
     "LeNet",
@@ -39,6 +41,7 @@ __all__ = [
     "Standardize",
     "StridedCNN",
     "coordinate_channels",
+    "efficientnet_lite0_classifier",
     "load_published",
     "network_cost",
     "timm_backbone",

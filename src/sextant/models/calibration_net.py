@@ -7,6 +7,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.models.trunk_input import standardized_before
+
 HIDDEN = 64
 #: of the log of a predicted scale: e^-7 rad is 0.05 degrees, e^2 is beyond any range
 LOG_SCALE = (-7.0, 2.0)
@@ -50,6 +52,7 @@ class CalibrationNet(nn.Module):
     def __init__(self, backbone: nn.Module, features: int, *, coordinates: bool = True):
         super().__init__()
         self.backbone, self.coordinates = backbone.to(memory_format=torch.channels_last), coordinates  # faster on CPUs
+        standardized_before(self.backbone, (0.5,) * 3, (0.5,) * 3)
         self.values = nn.ModuleList(_head(features) for _ in range(4))
         self.scales = nn.ModuleList(_head(features) for _ in range(4))
 

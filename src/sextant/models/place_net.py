@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from sextant.models.pooling import NetVLAD, Pooling
 from sextant.models.standardize import Standardize
+from sextant.models.trunk_input import standardized_before
 
 
 class PlaceNet(nn.Module):
@@ -49,6 +50,7 @@ class PlaceNet(nn.Module):
         half = (0.5,) * in_channels
         self.standardize = Standardize(in_channels, mean or half, std or half)
         self.backbone = backbone.to(memory_format=torch.channels_last)  # faster on CPUs
+        standardized_before(self.backbone, mean or half, std or half)
         self.pooling = pooling
         self.projection = nn.Linear(pooling.features, dimension) if project else nn.Identity()
         self.dimension, self.normalise = dimension, normalise

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from sextant.baselines.network_layer import NetworkLayer
 
-#: of the images that ImageNet's classifiers are trained on, by channel
-IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 KEY = "task.off_the_shelf"
 
 
@@ -116,6 +114,7 @@ def _classifier(name: str, weights: str, size: tuple[int, int]) -> _Trained:
 
     from sextant.models import timm_backbone
     from sextant.models.torchvision_backbone import torchvision_classifier
+    from sextant.models.trunk_input import IMAGENET_MEAN, IMAGENET_STD
     from sextant.models.weights_file import load_weights
 
     if name in models.list_models(models):

