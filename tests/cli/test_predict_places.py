@@ -32,6 +32,7 @@ from sextant.errors import UserError
 from sextant.evaluation.places.positives import Positives
 from sextant.lifecycle.execute import execute
 from sextant.retrieval import FlatIndex
+from sextant.retrieval.without_mean import centred
 from sextant.runs.checkpoint import KEY
 from sextant.runs.directory import RunDirectory
 from sextant.runs.resolve import FoundRun
@@ -104,6 +105,24 @@ def test_it_says_what_the_test_of_the_run_says(trained, tmp_path, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "supposing that its place is in the map" in said
     assert f"best match right: {told['counts']['right']} of the {count} queries" in said
+
+
+@pytest.mark.parametrize("centring", ["running", "all"])
+def test_the_mean_of_a_ride_is_taken_away(rides, tmp_path, centring):
+    rows, told = look_up(*rides, tmp_path / "out", centring=centring)
+    assert told["centring"] == centring
+    assert any(f"not of centring={centring}" in remark for remark in told["remarks"])
+    places, asked = PlaceMap(Pixels()), PlaceMap(Pixels())
+    for one, ride_ in zip((places, asked), rides, strict=True):
+        one.add(ride_)
+    reference, queries = (one.described.index.references.rows for one in (places, asked))
+    (less_reference, less_queries) = centred(reference, queries, centring)
+    expected = less_queries @ less_reference.T
+    for row, similarities in zip(rows, expected, strict=True):
+        assert "confidence" not in row["matches"][0]
+        assert row["matches"][0]["similarity"] == pytest.approx(similarities.max(), abs=1e-5)
+    from_python = places.look_up_many(sorted(rides[1].iterdir()), centring=centring)
+    assert [each.best.photo.name for each in from_python] == [row["matches"][0]["match"] for row in rows]
 
 
 def test_it_says_how_baselines_are_tested_on_the_same_folders(trained, tmp_path, capsys):

@@ -22,6 +22,7 @@ from sextant.baselines import Pixels as PixelBaseline
 from sextant.baselines.network_layer import NetworkLayer
 from sextant.data.places.decoded_images import ImageSize
 from sextant.errors import ArgumentError, UserError
+from sextant.evaluation.places.match_confidence import UNSEEN
 from sextant.runs.checkpoint import KEY
 
 SURE = Temperature(0.1)
@@ -85,6 +86,16 @@ def test_a_photo_may_be_a_file_a_picture_an_array_or_lists_of_any_size(rides, pl
     assert {each.best.photo.name for each in found} == {"003.png"}
     assert {each.best.similarity for each in found} == {found[0].best.similarity}
     assert places.look_up(picture.convert("L")).best.similarity > 0  # grey becomes colour
+
+
+def test_a_network_says_how_probable_it_is_that_its_match_is_right(rides, checkpoint):
+    network, baseline = PlaceMap.load(checkpoint), PlaceMap("Pixels", ImageSize(16, 24))
+    for places in (network, baseline):
+        places.add(rides[0])
+    found = network.look_up(rides[1] / "002.png")
+    assert found.found == pytest.approx(float(UNSEEN.probability(np.array([found.margin]))[0]))
+    assert baseline.look_up(rides[1] / "002.png").found is None
+    assert all(each.found is None for each in network.look_up_sequence(sorted(rides[1].iterdir()), length=3))
 
 
 def test_a_descriptor_may_be_named(rides):

@@ -24,6 +24,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.places.positives import Positives
 from sextant.reporter import Advance
 from sextant.retrieval import FlatIndex
+from sextant.retrieval.without_mean import Centring, centred
 
 DESCRIPTOR = "descriptor"
 NO_RUN = "the descriptor is no run's, whose test fits the temperature"
@@ -168,6 +169,7 @@ class DescribedMap:
         queries: FlatIndex,
         k: int,
         *,
+        centring: Centring = "none",
         sequence: int | None = None,
         same: Positives | None = None,
         progress: Advance = silent,
@@ -177,6 +179,8 @@ class DescribedMap:
         Args:
             queries: their descriptors, in the order of their ride if sequences are asked for.
             k: matches, at least 1; of a smaller map all.
+            centring: whose mean descriptor the queries lose; see :mod:`~sextant.retrieval.without_mean`. Matches then
+                have no confidence, whose temperature is that of descriptors as they are.
             sequence: photos of a sequence; None for single photos alone.
             same: of each photo of the map those of its place; by :attr:`tolerance` unless given.
             progress: called with the queries done and all.
@@ -188,9 +192,13 @@ class DescribedMap:
             raise ArgumentError(f"k={k} must be at least 1", "For example k=5")
         described = self.described
         same = self._same_place(described) if same is None else same
+        reference = described.index
+        if centring != "none":
+            parts = centred(reference.references.rows, queries.references.rows, centring)
+            reference, queries = (FlatIndex(rows) for rows in parts)
         return match(
-            described.index, queries, same, min(k, len(described.index)),
-            temperature=self.temperature.value, sequence=sequence, progress=progress,
+            reference, queries, same, min(k, len(reference)),
+            temperature=self.temperature.value if centring == "none" else None, sequence=sequence, progress=progress,
         )  # fmt: skip
 
     def _same_place(self, described: DescribedPhotos) -> Positives:

@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.matching import Matches
+from sextant.evaluation.places.match_confidence import MatchConfidence
 
 
 @dataclass(frozen=True)
@@ -35,12 +38,15 @@ class LookedUp:
         matches: the photos of the map that fit best, the best first.
         margin: similarity of the best match over the best photo of another place, from 0 on; None if the map has no
             other place, and by sequences.
+        found: probability in [0, 1] that the best match shows its place, which need not be in the map; of networks, by
+            the margin (:mod:`~sextant.evaluation.places.match_confidence`). None without a margin.
         stretched: the photo has another shape than the network's images, and was stretched by a factor above 1.4.
     """
 
     name: str
     matches: tuple[PlaceMatch, ...]
     margin: float | None = None
+    found: float | None = None
     stretched: bool = False
 
     @property
@@ -50,7 +56,11 @@ class LookedUp:
 
 
 def looked_up(
-    names: Sequence[str], stretched: Sequence[bool], reference: DescribedPhotos, found: Matches
+    names: Sequence[str],
+    stretched: Sequence[bool],
+    reference: DescribedPhotos,
+    found: Matches,
+    confidence: MatchConfidence | None = None,
 ) -> list[LookedUp]:
     """What was found of each photo: by sequences, if they were matched so, or else by itself."""
     folder, files = reference.photos.folder, reference.index.names or ()
@@ -61,7 +71,9 @@ def looked_up(
             PlaceMatch(folder / files[each.image], each.similarity, each.confidence, _position(reference, each.image))
             for each in (found.single(i) if sequenced is None else sequenced)
         )
-        results.append(LookedUp(name, matches, found.margin_of(i) if sequenced is None else None, stretched[i]))
+        margin = found.margin_of(i) if sequenced is None else None
+        sure = None if confidence is None or margin is None else float(confidence.probability(np.array([margin]))[0])
+        results.append(LookedUp(name, matches, margin, sure, stretched[i]))
     return results
 
 

@@ -14,7 +14,9 @@ from sextant.applications.places.run_facts import run_temperature
 from sextant.applications.places.saved_map import TOLERANCES, read_facts
 from sextant.data.places.tolerance import PlaceTolerance
 from sextant.errors import ArgumentError, UserError
+from sextant.evaluation.places.match_confidence import UNSEEN
 from sextant.retrieval import FlatIndex
+from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import FoundRun, resolve_run
@@ -136,20 +138,21 @@ class PlaceMap(DescribedMap):
 
     @overload
     def look_up_many(
-        self, photos: Iterable[AnyImage], k: int = 5, *, errors: Literal["raise"] = "raise"
+        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Literal["raise"] = "raise"
     ) -> list[LookedUp]: ...
     @overload
     def look_up_many(
-        self, photos: Iterable[AnyImage], k: int = 5, *, errors: Literal["return"]
+        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Literal["return"]
     ) -> list[LookedUp | FailedPhoto]: ...
     def look_up_many(
-        self, photos: Iterable[AnyImage], k: int = 5, *, errors: Errors = "raise"
+        self, photos: Iterable[AnyImage], k: int = 5, *, centring: Centring = "none", errors: Errors = "raise"
     ) -> list[LookedUp] | list[LookedUp | FailedPhoto]:
         """Each photo by itself, in their order.
 
         Args:
             photos: files, bytes or pictures.
             k: as for :meth:`look_up`.
+            centring: for photos of one ride: whose mean descriptor they lose; as for :meth:`match`.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` has a :class:`FailedPhoto` in the
                 place of each that did.
 
@@ -157,7 +160,7 @@ class PlaceMap(DescribedMap):
             FailedPhotosError: photos failed; it names all of them.
             UserError: the map is empty.
         """
-        return self._look_up(photos, k, None, errors)
+        return self._look_up(photos, k, None, errors, centring)
 
     @overload
     def look_up_sequence(
@@ -189,7 +192,7 @@ class PlaceMap(DescribedMap):
         return self._look_up(photos, k, length, errors)
 
     def _look_up(
-        self, photos: Iterable[AnyImage], k: int, sequence: int | None, errors: Errors
+        self, photos: Iterable[AnyImage], k: int, sequence: int | None, errors: Errors, centring: Centring = "none"
     ) -> list[LookedUp | FailedPhoto]:
         photos, described = several(photos, errors), self.described
         size = (self.size.height, self.size.width, self.size.channels)
@@ -200,7 +203,8 @@ class PlaceMap(DescribedMap):
         raise_failed((each for _, each in sorted(results.items())), len(given), "looked up", errors)
         good = [i for i in range(len(given)) if i not in found.failed]
         if good:
-            matches = self.match(FlatIndex(found.rows), k, sequence=sequence)
+            matches = self.match(FlatIndex(found.rows), k, centring=centring, sequence=sequence)
+            sure = UNSEEN if self.descriptor.facts["kind"] == "network" and centring == "none" else None
             stretched = [i in found.stretched for i in good]
-            results |= zip(good, looked_up([names[i] for i in good], stretched, described, matches), strict=True)
+            results |= zip(good, looked_up([names[i] for i in good], stretched, described, matches, sure), strict=True)
         return [results[i] for i in range(len(given))]

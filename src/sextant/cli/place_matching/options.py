@@ -1,5 +1,7 @@
 """What a user may choose of the matching of places; imports nothing heavy."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from sextant.applications.places.photo_folder import KnownBy
@@ -23,5 +25,8 @@ class PlaceOptions(Options):
     tolerance: float | None = Field(None, ge=0, examples=[5])
     """largest distance of one place: in metres for places=csv and utm, else in files; unless given that of the run's
     test, and 0 files for places=none"""
+    centring: Literal["none", "running", "all"] = Field("none", examples=["all"])
+    """the queries are of one ride: take away the mean descriptor of the map, and that of all queries (all) or of those
+    so far (running), which is what light and season add; none unless given"""
     descriptors: bool = Field(False, examples=["true"])
     """true: keep the descriptors, so that the map can be used again"""

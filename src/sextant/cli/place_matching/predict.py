@@ -43,7 +43,12 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     known = known_places(reference, queries, options.places, places.tolerances, options.tolerance)
     with work_progress("looking up", "queries") as progress:
         found = places.match(
-            queries.index, options.matches, sequence=options.sequence, same=known.same_place, progress=progress
+            queries.index,
+            options.matches,
+            centring=options.centring,
+            sequence=options.sequence,
+            same=known.same_place,
+            progress=progress,
         )
     rows = query_rows(reference, queries, known, found)
     counted = counts(rows)
@@ -56,6 +61,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
         "temperature": places.temperature.value,
         "matches": found.neighbours.indices.shape[1],
         "sequence": options.sequence,
+        "centring": options.centring,
         "places": options.places,
         "tolerance": known.tolerance.name,
         "counts": counted,
@@ -112,7 +118,9 @@ def _remarks(
 ) -> list[str]:
     """What a reader of the figures should know."""
     told = []
-    if temperature.value is None:
+    if options.centring != "none":
+        told.append(f"no confidence: the temperature is of descriptors as they are, not of centring={options.centring}")
+    elif temperature.value is None:
         told.append(f"no confidence, similarities only: {temperature.lacking}")
     else:
         told.append(f"{telling.SUPPOSED} (temperature {temperature.value:.4g}, fitted on the run's validation split)")

@@ -1,0 +1,61 @@
+r"""How probable it is that a best match shows the place of its query, where that place need not be in the map.
+
+.. math:: p(\text{right}) = \sigma(a\, g + b), \qquad
+   g = s_{i\hat\jmath} - \max_{j \notin \mathcal S_{\hat\jmath}} s_{ij},
+
+with the margin g of the best match over the best map image of another place. What is left, :math:`1 - p`, is that the
+match is wrong or the place is not in the map. a and b are fitted to sets of images that nothing was learnt from, each
+with its whole map and with half of it, so that queries without a place are among them.
+
+Source: J. Platt, "Probabilistic outputs for support vector machines", 1999.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+from numpy import ndarray
+from scipy.optimize import minimize
+from scipy.special import expit, log_expit
+
+
+@dataclass(frozen=True)
+class MatchConfidence:
+    """The probability that a match is right.
+
+    Attributes:
+        slope: a, for each unit of the similarity.
+        offset: b.
+    """
+
+    slope: float
+    offset: float
+
+    def probability(self, margin: Float[ndarray, "m"]) -> Float64[ndarray, "m"]:
+        """Of each match; nan where there is no margin."""
+        return np.asarray(expit(self.slope * np.asarray(margin, np.float64) + self.offset))
+
+
+def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray, "m"]]]) -> MatchConfidence:
+    """a and b with the greatest mean log-likelihood; each set counts the same, however many queries it has.
+
+    Args:
+        sets: margins of the best matches of each, and whether they are right.
+
+    Raises:
+        ValueError: there is no set.
+    """
+    if not sets:
+        raise ValueError("confidence is fitted to at least one set of matches")
+
+    def loss(parameters: ndarray) -> float:
+        scores = [(parameters[0] * margin + parameters[1]) * np.where(right, 1, -1) for margin, right in sets]
+        return -float(np.mean([log_expit(each).mean() for each in scores]))
+
+    slope, offset = minimize(loss, np.zeros(2)).x
+    return MatchConfidence(float(slope), float(offset))
+
+
+#: of networks trained here on other scenes: ``python -m benchmarks.unseen_places run=<run>``, fitted to all of its sets
+UNSEEN = MatchConfidence(24.0, -2.28)

@@ -1,0 +1,33 @@
+"""How probable it is that a best match is right."""
+
+import numpy as np
+import pytest
+
+from sextant.evaluation.places.match_confidence import MatchConfidence, fit_match_confidence
+
+
+def drawn(model, seed, count=20_000):
+    rng = np.random.default_rng(seed)
+    margin = rng.exponential(0.1, count)
+    return margin, rng.random(count) < model.probability(margin)
+
+
+def test_what_was_drawn_is_fitted_and_its_confidence_is_the_share_that_is_right():
+    model = MatchConfidence(20.0, -2.0)
+    found = fit_match_confidence([drawn(model, 0), drawn(model, 1, 5_000)])
+    assert (found.slope, found.offset) == (pytest.approx(20, rel=0.1), pytest.approx(-2, abs=0.15))
+    margin, right = drawn(model, 2)
+    assert found.probability(margin).mean() == pytest.approx(right.mean(), abs=0.02)
+
+
+def test_each_set_counts_the_same():
+    few, many = (np.zeros(10), np.zeros(10, bool)), (np.zeros(1000), np.ones(1000, bool))
+    assert fit_match_confidence([few, many]).probability(np.zeros(1))[0] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_wider_margin_is_surer_and_none_says_nothing():
+    sure = MatchConfidence(24.0, -2.28).probability(np.array([0.0, 0.1, 1.0, np.nan]))
+    assert sure[0] < sure[1] < sure[2]
+    assert np.isnan(sure[3])
+    with pytest.raises(ValueError, match="at least one set"):
+        fit_match_confidence([])
