@@ -15,14 +15,13 @@ from PIL import Image
 from support import fill_disk
 from tiny_places import Pixels, ride, scene
 
-from sextant.applications.places import describing, matching
+from sextant.applications.places import describing, gallery_pages, matching
 from sextant.applications.places.matching import match
 from sextant.applications.places.place_map import PlaceMap
 from sextant.applications.places.run_facts import Temperature
 from sextant.applications.places.saved_map import TOLERANCES
 from sextant.atomic_files import write_sealed_json
 from sextant.cli import evaluate, predict, predict_handler
-from sextant.cli.place_matching import gallery_pages
 from sextant.cli.place_matching.inputs import read_inputs
 from sextant.cli.place_matching.options import PlaceOptions
 from sextant.cli.place_matching.predict import predict_places

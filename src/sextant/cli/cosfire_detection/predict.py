@@ -12,10 +12,10 @@ from sextant.applications.detection.detector import Detection, ExampleDetector
 from sextant.applications.detection.images import UprightImage, read_image
 from sextant.applications.detection.network import TrainedFeatures
 from sextant.applications.detection.options import PHOTO
+from sextant.applications.detection.written_detections import write_detections
+from sextant.applications.write_errors import telling_write_errors
 from sextant.cli.cosfire_detection.inputs import DetectionInputs
 from sextant.cli.cosfire_detection.telling import tell
-from sextant.cli.cosfire_detection.written_files import write_detections
-from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.skipped_files import skipped_of
 from sextant.cli.work_progress import work_progress
 from sextant.data.photos.file_stems import file_stems

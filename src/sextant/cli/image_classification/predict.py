@@ -11,9 +11,10 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
 from sextant.cli.console import console
-from sextant.cli.output_folder import tell_written, telling_write_errors
+from sextant.cli.output_folder import tell_written
 from sextant.cli.predict_handler import Trained
 from sextant.cli.skipped_files import skipped_of, tell_skipped
 from sextant.data.image_folder import decode_square

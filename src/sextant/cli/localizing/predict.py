@@ -8,9 +8,9 @@ import numpy as np
 
 from sextant.applications.localization.localizer import Localizer
 from sextant.applications.localization.written_poses import Replay, Row, draw_trajectory, write_poses
+from sextant.applications.write_errors import telling_write_errors
 from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
-from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.data.localization.frames import Photos, Video, find_frames

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from sextant.applications.calibration.finding import LEVELS
+from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
-from sextant.cli.output_folder import telling_write_errors
 from sextant.figures.calibration.overlay import CalibratedPhoto, calibration_sheet
 from sextant.figures.style import save_figure
 

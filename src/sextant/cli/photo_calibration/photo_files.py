@@ -12,8 +12,8 @@ from PIL import Image
 
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.failures import FailedPhoto
+from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_json
-from sextant.cli.output_folder import telling_write_errors
 from sextant.cli.photo_calibration.options import Undistort
 from sextant.data.photos import Keep, read_photo
 from sextant.data.photos.file_stems import file_stems

@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from sextant.applications.places.describing import LARGEST_STRETCH, DescribedPhotos
+from sextant.applications.places.gallery_pages import write_gallery
 from sextant.applications.places.known_places import KnownPlaces, check_truth, known_places
 from sextant.applications.places.matching import check_rides
 from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.applications.places.place_map import PlaceMap
 from sextant.applications.places.rows import counts, query_rows
 from sextant.applications.places.run_facts import Temperature
-from sextant.cli.output_folder import telling_write_errors
+from sextant.applications.places.written_matches import write_matches
+from sextant.applications.write_errors import telling_write_errors
 from sextant.cli.place_matching import telling
-from sextant.cli.place_matching.gallery_pages import write_gallery
 from sextant.cli.place_matching.inputs import PlaceInputs, refuse_overlap
 from sextant.cli.place_matching.options import PlaceOptions
-from sextant.cli.place_matching.written_files import write_matches
 from sextant.cli.work_progress import work_progress
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError

@@ -3,7 +3,7 @@ import os
 
 import pytest
 
-from sextant.cli.output_folder import telling_write_errors
+from sextant.applications.write_errors import telling_write_errors
 from sextant.errors import UserError
 
 

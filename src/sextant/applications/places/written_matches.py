@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
-from sextant.cli.output_folder import telling_write_errors
 
 COLUMNS = ("query", "rank", "match", "similarity", "confidence", "margin", "right")
 SEQUENCE_COLUMNS = ("sequence_match", "sequence_similarity", "sequence_right")

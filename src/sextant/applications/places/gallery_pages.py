@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import UInt8
@@ -11,11 +11,12 @@ from numpy import ndarray
 
 from sextant.applications.places.describing import DescribedPhotos, upright_size
 from sextant.applications.places.known_places import KnownPlaces
-from sextant.cli.output_folder import telling_write_errors
+from sextant.applications.write_errors import telling_write_errors
 from sextant.data.places.image_files import decode_image
-from sextant.figures.places.retrieval_gallery import Retrieved, retrieval_gallery
-from sextant.figures.style import save_figure
 from sextant.reporter import Advance
+
+if TYPE_CHECKING:
+    from sextant.figures.places.retrieval_gallery import Retrieved
 
 QUERIES, ON_A_PAGE = 40, 8
 MATCHES = 5
@@ -40,6 +41,9 @@ def write_gallery(
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
     """
+    from sextant.figures.places.retrieval_gallery import retrieval_gallery
+    from sextant.figures.style import save_figure
+
     good = [row for row in rows if "error" not in row]
     chosen = np.unique(np.linspace(0, len(good) - 1, min(QUERIES, len(good))).round().astype(int)).tolist()
     pages = [chosen[start : start + ON_A_PAGE] for start in range(0, len(chosen), ON_A_PAGE)]
@@ -60,7 +64,9 @@ def write_gallery(
 
 def _retrieved(
     row: Mapping[str, Any], number: int, reference: DescribedPhotos, queries: DescribedPhotos, places: KnownPlaces
-) -> Retrieved:
+) -> "Retrieved":
+    from sextant.figures.places.retrieval_gallery import Retrieved
+
     matches = row.get("sequence_matches", row["matches"])[:MATCHES]
     truth = None
     if places.positives is not None and row["in_map"]:

@@ -1,0 +1,29 @@
+"""What is reported when the disk refuses what is written into the folder ``output``."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from sextant.errors import UserError
+
+
+@contextmanager
+def telling_write_errors(folder: Path) -> Iterator[None]:
+    """Turn what the disk refuses inside into one message. Nothing that reads belongs inside.
+
+    Raises:
+        UserError: the disk is full, or ``folder`` cannot be written to.
+    """
+    from sextant.data.rendered.disk import FULL, free_bytes, readable
+
+    try:
+        yield
+    except OSError as error:
+        if error.errno in FULL:
+            raise UserError(
+                f"output={folder}: the disk is full ({readable(free_bytes(folder))} free), not everything was written",
+                "Free some space and repeat the command, or write to another disk: output=/path",
+            ) from None
+        raise UserError(
+            f"output={folder} cannot be written to: {error.strerror or error}", "Choose another folder: output=/path"
+        ) from None
