@@ -35,7 +35,10 @@ def running_postgres(folder):
     quiet = {"stdout": subprocess.DEVNULL, "user": user, "cwd": "/"}
     subprocess.run([program("initdb"), "-D", data, "-U", "mlflow", "-A", "trust", "--no-sync"], check=True, **quiet)
     settings = [f"-cport={port}", "-clisten_addresses=127.0.0.1", "-cunix_socket_directories=", "-cfsync=off"]
-    server = subprocess.Popen([program("postgres"), "-D", data, *settings], stderr=subprocess.DEVNULL, **quiet)
+    with (Path(folder) / "postgres.log").open("wb") as log:
+        server = subprocess.Popen(
+            [program("postgres"), "-D", data, *settings], stderr=log, start_new_session=True, **quiet
+        )
     try:
         ask = [program("psql"), "-h", "127.0.0.1", "-p", str(port), "-U", "mlflow", "-d", "postgres", "-qc"]
         deadline = time.monotonic() + 60

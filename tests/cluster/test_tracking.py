@@ -1,6 +1,7 @@
 """Sixteen writers on an MLflow server on PostgreSQL, started as compose.yaml does, that is killed while they write."""
 
 import multiprocessing
+import os
 import shlex
 import subprocess
 import sys
@@ -34,8 +35,8 @@ class Server:
     """The server of compose.yaml, with a database and a folder of this machine."""
 
     def __init__(self, database, artifacts):
-        compose = yaml.safe_load((ROOT / "compose.yaml").read_text())
-        text = compose["services"]["mlflow"]["command"][-1].partition("exec ")[2]
+        service = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]["mlflow"]
+        text, self.environment = service["command"][-1].partition("exec ")[2], {**os.environ, **service["environment"]}
         password, hosts, self.port = "${MLFLOW_PASSWORD:-mlflow}", "${MLFLOW_HOSTS:-*}", free_port()
         assert password in text
         assert hosts in text
@@ -48,7 +49,9 @@ class Server:
 
     def start(self):
         with self.log.open("ab") as log:
-            self.process = subprocess.Popen(self.command, stdout=log, stderr=log, cwd=self.log.parent)
+            self.process = subprocess.Popen(
+                self.command, stdout=log, stderr=log, cwd=self.log.parent, env=self.environment
+            )
         deadline = time.monotonic() + 240
         while not self.answers():
             assert self.process.poll() is None, self.log.read_text()
@@ -63,11 +66,12 @@ class Server:
         return True
 
     def kill(self):
-        workers = psutil.Process(self.process.pid).children(recursive=True)
-        for process in (self.process, *workers):
-            process.kill()
-        psutil.wait_procs(workers)
-        self.process.wait()
+        if self.process.poll() is None:
+            workers = psutil.Process(self.process.pid).children(recursive=True)
+            for process in (self.process, *workers):
+                process.kill()
+            psutil.wait_procs(workers)
+            self.process.wait()
 
 
 @pytest.fixture(scope="module")
