@@ -111,7 +111,7 @@ def write_sixteen(outputs, server, between):
     tracking = ["tracking=server", f"tracking.uri={server.uri}", f"tracking.experiment={outputs.parent.name}"]
     raw = quick_config(outputs, *tracking)
     go_on = [context.Event(), context.Event()]
-    processes = [context.Process(target=write, args=(raw, number, go_on)) for number in range(WRITERS)]
+    processes = [context.Process(target=write, args=(raw, number, go_on), daemon=True) for number in range(WRITERS)]
     for process in processes:
         process.start()
     for event, lines in zip(go_on, (STEPS // 2, STEPS - 1), strict=True):
