@@ -17,7 +17,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked
-from sextant.lifecycle.claims import read_claims
+from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes import recipe_of

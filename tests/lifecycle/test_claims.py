@@ -14,8 +14,10 @@ from sextant.composing.config_files import read_config_file
 from sextant.config.schema.claims import Claim
 from sextant.data.worlds.office_walk import OfficeWalkPlan
 from sextant.errors import UserError
+from sextant.lifecycle import claim_files
 from sextant.lifecycle import claims as life
-from sextant.lifecycle.claims import Tables, check_digests, decide_claims, read_claims, run_claims, sweep_arguments
+from sextant.lifecycle.claim_files import read_claims
+from sextant.lifecycle.claims import Tables, check_digests, decide_claims, run_claims, sweep_arguments
 from sextant.lifecycle.sweep_plan import read_design
 from sextant.reports.claims_board import seeds_told
 from sextant.runs.outputs_folder import conf_dir
@@ -172,7 +174,7 @@ def test_what_stands_beside_a_claim_does_not_decide_it(tmp_path):
 def test_a_wrong_claim_is_reported_with_its_file(changes, said, tmp_path, monkeypatch):
     (tmp_path / "claim").mkdir()
     (tmp_path / "claim" / "mine.yaml").write_text(str(DEMO | changes).replace("True", "true"))
-    monkeypatch.setattr(life, "conf_dir", lambda: tmp_path)
+    monkeypatch.setattr(claim_files, "conf_dir", lambda: tmp_path)
     with pytest.raises(UserError, match=rf"mine\.yaml.*{said}"):
         read_claims()
 

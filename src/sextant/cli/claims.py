@@ -33,12 +33,13 @@ def main(arguments: Sequence[str]) -> None:
     """Decide claims, write their board, and list the verdicts."""
     options = ClaimsOptions.parse(arguments, USAGE)
     from sextant.lifecycle import claims as life
+    from sextant.lifecycle.claim_files import read_claims
     from sextant.reports.claims_board import seeds_told
     from sextant.runs.outputs_folder import default_outputs
 
-    claims, stored = life.read_claims(options.claim), life.stored_results()
+    claims, stored = read_claims(options.claim), life.stored_results()
     if options.digests == "renew":
-        life.renew_digests(life.read_claims(), stored)
+        life.renew_digests(read_claims(), stored)
     life.check_digests(claims, stored)
     tables, output, command = life.Tables(stored), stored, "sextant claims"
     if options.preset != "stored":

@@ -6,20 +6,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ValidationError
-
 from sextant.atomic_files import write_atomically
 from sextant.composing.config_files import read_config_file
-from sextant.config import nearest
 from sextant.config.schema.claims import Claim, ClaimPart
 from sextant.errors import UserError
+from sextant.lifecycle.claim_files import Claims
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.reports.claim_evidence import evidence
 from sextant.reports.claims_board import Comparison, DecidedClaim, board, picture
 from sextant.runs.outputs_folder import conf_dir
 
 Preset = Literal["quick", "full"]
-Claims = Mapping[str, Claim]
 
 #: of the files of stored results that the claims rest on, as sha256sum writes them
 DIGESTS = "claims/results.sha256"
@@ -54,21 +51,6 @@ def stored_results() -> Path:
     if not (folder / DIGESTS).is_file():
         raise UserError("the stored results are not there", "They come with the repository, in docs.")
     return folder
-
-
-def read_claims(which: str = "all") -> Claims:
-    """The claims of ``conf/claim``, by chapter and name.
-
-    Raises:
-        UserError: there is none of that name, or a file is wrong.
-    """
-    found = {path.stem: _read_claim(path) for path in sorted((conf_dir() / "claim").glob("*.yaml"))}
-    if which == "all":
-        return dict(sorted(found.items(), key=lambda entry: entry[1].chapter))
-    if which not in found:
-        near = nearest(which, found)
-        raise UserError(f"claim={which}: no such claim", f"Did you mean {near}?" if near else ", ".join(found))
-    return {which: found[which]}
 
 
 def decide_claims(claims: Claims, tables: Tables) -> list[DecidedClaim]:
@@ -251,14 +233,6 @@ def _definition(sweep: str) -> Mapping[str, Any]:
         raise UserError(f"there is no sweep {sweep}", f"Sweeps are the files of {path.parent}.")
     found: Mapping[str, Any] = read_config_file(path)["sweep"]
     return found
-
-
-def _read_claim(path: Path) -> Claim:
-    try:
-        return Claim.model_validate(read_config_file(path))
-    except ValidationError as error:
-        told = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise UserError(f"{path}: {told}", "The keys of a claim are in config/schema/claims.py.") from None
 
 
 def _write(path: Path, text: str) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sextant.atomic_files import write_json
 from sextant.errors import UserError
-from sextant.lifecycle.claims import read_claims
+from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.recipes import recipe_of
 from sextant.reports.results import Measured, SweepResults, read_results
