@@ -19,6 +19,7 @@ from sextant.errors import UserError
 from sextant.lifecycle.checks import checked
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.evaluation import checkpoint_config
+from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes import recipe_of
 
@@ -94,6 +95,8 @@ def _train(command: Command, words: list[str]) -> None:
         _among(command.text, "without -m", ["without -m"] if not any(w.startswith("sweep=") for w in words) else [])
         checked(to_plain(compose(overrides)))
         return
+    if read_search(overrides) is not None:  # and the middle and the ends of its space are right
+        return
     design = read_design(overrides)
     setting = {key: values[0] for key, values in design.factors.items()}
     stored = any(word.startswith("sweep=") for word in words)  # all of its arms are tested with the config
@@ -132,7 +135,7 @@ def _predict(command: Command, words: list[str]) -> None:
 
 def _report(command: Command, words: list[str]) -> None:
     given = parse_arguments(words, report.ReportOptions.meanings(), command.text)
-    _among("sweep", given["sweep"], [*groups()["sweep"], SOMETHING])
+    _among("sweep", given["sweep"], [*groups()["sweep"], "search", SOMETHING])
 
 
 def _claims(command: Command, words: list[str]) -> None:

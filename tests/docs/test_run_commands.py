@@ -28,6 +28,12 @@ RUN = {
     "python train.py backbone=lenet_b optimizer.lr=0.01": (ONCE, "test/accuracy/clean"),
     "python train.py dataset=image_folder dataset.folder=/path": ((*ONCE, "trainer.batch_size=4"), "test/accuracy"),
     "python train.py -m seed=0,1,2 inhibition=none,push_pull": (ONCE, "6 planned, "),
+    "sextant train -m sweep.search=tpe sweep.search.n_trials=20 'optimizer.lr=log_uniform(1e-3, 1)' "
+    "'optimizer.momentum=uniform(0.5, 0.99)' seed=0,1,2": (
+        (*ONCE, "sweep.search.n_trials=2"),
+        "trial 1: optimizer.lr=",
+    ),
+    "sextant report sweep=search": ((), "2 of 2 trials"),
     "python evaluate.py run=<run> corruption=gaussian": (
         ("corruption.corruptions.gaussian.levels=[0.1]", "tracking=none"),
         "test/accuracy/gaussian/0.1",
@@ -49,6 +55,7 @@ NOT_RUN = {
     r"^python train\.py --config-dir": "needs config files of one's own; tests/cli/test_train.py",
     r"^python -m benchmarks": "times an otherwise idle machine for minutes",
     r"^python (train|report)\.py .*sweep=": "a sweep of hours; every cell is composed by tests/configs",
+    r"^sextant (train|report) .*sweep=search_pushpull_lenet": "a search of a quarter of an hour; tests/lifecycle",
     r"^python train\.py -m ": "eight runs of minutes",
     r"^python train\.py .*(mnist|nordland|cold|cifar10|places|folder|photos|alexnet)": "needs data that is not shipped",
     r"^python train\.py .*descriptor=run": "needs a trained run of place recognition; smaller in tests/cli",

@@ -1,8 +1,12 @@
 """What a recipe says of its runs: what identifies one, what it measures, whose answers it keeps."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from sextant import tasks
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.recipes import RECIPES, recipe_of
@@ -70,3 +74,12 @@ def test_a_run_is_identified_by_what_its_files_hold(task, tmp_path):
     first, moved, other = identity("a", 1), identity("b", 1), identity("a", 2)
     assert first == moved != other
     assert str(tmp_path) not in str(first["descriptor"])
+
+
+@pytest.mark.parametrize("task", RECIPES)
+def test_a_search_looks_at_what_chooses_the_checkpoints(task):
+    folder = Path(tasks.__file__).parent / {"place_recognition": "places"}.get(task, task)
+    chosen = re.findall(
+        r'monitor, monitor_mode = "(.+)", "(.+)"', "".join(path.read_text() for path in folder.glob("*.py"))
+    )
+    assert set(chosen) == {recipe_of(task).monitor}

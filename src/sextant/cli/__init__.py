@@ -33,6 +33,7 @@ EXTRAS = {
         "matplotlib", "statsmodels", "filelock", "psutil", "joblib",
     ),
     "worlds": ("embreex", "shapely", "networkx"),
+    "search": ("optuna", "cmaes"),
     "timm": ("timm",),
 }  # fmt: skip
 

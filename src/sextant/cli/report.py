@@ -36,12 +36,32 @@ def main(arguments: Sequence[str]) -> None:
 
     results = sweep_results(options.sweep, options.outputs)
     paths = write_report(results)
-    _show(results)
+    (_show_search if results.plan.is_search else _show)(results)
     console.print("\n".join(str(path) for path in paths))
     if options.tracking is None and results.plan.mlflow_runs:
         from sextant.tracking.sweep_parent import log_report
 
         log_report(results.directory.parents[1], results.plan, results.directory / "report")
+
+
+def _show_search(results: "SweepResults") -> None:
+    """How the trials ended, and the winner."""
+    from sextant.reports.search_report import summary, winner_table
+    from sextant.reports.search_results import search_results
+
+    found = search_results(results)
+    console.print(f"[bold]{results.plan.name}[/]: {summary(found)}")
+    if found.winner is None:
+        console.print("no trial has a result, so there is no winner")
+        return
+    told = winner_table(found)
+    setting = " ".join(f"{key}={value}" for key, value in found.winner.setting.items())
+    table = Table(
+        *told.columns, title=f"trial {found.winner.number}: {setting}", title_justify="left", title_style="bold"
+    )
+    for row in told.rows:
+        table.add_row(*row)
+    console.print(table)
 
 
 def _show(results: "SweepResults") -> None:

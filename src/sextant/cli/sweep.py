@@ -12,6 +12,7 @@ from sextant.cli.console import console
 from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
 from sextant.lifecycle import sweep
+from sextant.lifecycle.search.run import sweep_or_search
 from sextant.runs.outputs_folder import default_outputs
 
 USAGE = "sextant sweep status|attach|cancel <sweep> [outputs=<folder>]"
@@ -47,7 +48,7 @@ def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: swe
         UserError: a cell's config is wrong; nothing was run then.
         SystemExit: status 1 if any cell failed; the others have run.
     """
-    found = sweep.run_sweep(arguments, TERMINAL, runs=TERMINAL, wait=wait, run_cells=run_cells)
+    found = sweep_or_search(arguments, TERMINAL, runs=TERMINAL, wait=wait, run_cells=run_cells)
     states = ("finished", "diverged", "failed", *(["submitted"] if found.count("submitted") else []))
     counts = ", ".join(f"{found.count(state)} {state}" for state in states)  # type: ignore[arg-type]
     console.print(f"[bold]{found.name}[/]: {len(found.cells)} planned, {counts}")

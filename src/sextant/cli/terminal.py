@@ -53,6 +53,11 @@ class Terminal(RunReporter):
         told = f"{cells} runs planned" if runs == cells else f"{cells} cells of {runs} runs planned"
         console.print(f"[bold]{plan.name}[/]: {told}, {finished} finished already")
 
+    def settled(self, number: int, setting: Mapping[str, str], value: float | None, told: str) -> None:
+        """A line."""
+        shown = "no result" if value is None else f"{value:.5g}"
+        console.print(f"trial {number}: {escape(', '.join(f'{k}={v}' for k, v in setting.items()))}  {shown}, {told}")
+
     @contextmanager
     def running(self) -> Iterator[Advance]:
         """A bar over the missing runs, or a line for each that is done."""

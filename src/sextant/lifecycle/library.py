@@ -8,7 +8,8 @@ from sextant.lifecycle.checks import preflight
 from sextant.lifecycle.evaluation import evaluate_run
 from sextant.lifecycle.execute import Outcome, execute
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
-from sextant.lifecycle.sweep import SweepOutcome, run_sweep
+from sextant.lifecycle.search.run import sweep_or_search
+from sextant.lifecycle.sweep import SweepOutcome
 from sextant.lifecycle.sweep_plan import check_sweep_overrides
 from sextant.tracking.environment import quiet_libraries
 
@@ -70,7 +71,7 @@ def sweep(
         arguments += ["launcher=local"] if workers == 1 else ["launcher=joblib", f"launcher.workers={workers}"]
     with own_configs(config_dir):
         check_sweep_overrides(arguments)
-        return run_sweep(arguments, reporter)
+        return sweep_or_search(arguments, reporter)
 
 
 def evaluate(run: str | Path, overrides: Sequence[str] = (), *, reporter: RunReporter = SILENT_RUN) -> Outcome:

@@ -79,8 +79,11 @@ class ParentPage:
         return {"task": self.plan.cells[0].run.split("/")[1], **({"claim": ", ".join(rests)} if rests else {})}
 
     def _params(self) -> dict[str, str]:
-        """What is compared, in which settings, and over which seeds."""
+        """What is compared, in which settings, and over which seeds; of a search, what is searched and how."""
         cells = self.plan.cells
+        if self.plan.is_search:
+            search = self.plan.definition["search"]
+            return {"search": str(search["method"]), **search["space"]}
         told = {
             "arms": [cell.arm for cell in cells],
             "settings": [cell.setting for cell in cells],

@@ -44,6 +44,16 @@ class RunReporter(Reporter):
             finished: how many of their runs are finished already.
         """
 
+    def settled(self, number: int, setting: Mapping[str, str], value: float | None, told: str) -> None:
+        """A trial of a search gets no further seed.
+
+        Args:
+            number: of the trial.
+            setting: the value of each key.
+            value: its mean validation metric; None without a result.
+            told: over how many seeds, or why there is none.
+        """
+
     def running(self) -> AbstractContextManager[Advance]:
         """A context whose value is called with how many of a sweep's missing runs are done, every second."""
         return nullcontext(lambda done, total: None)

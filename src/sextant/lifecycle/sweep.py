@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 
 from sextant.config import Config
 from sextant.config.schema.launchers import SlurmLauncher
+from sextant.errors import UserError
 from sextant.lifecycle.execute import Outcome, Status, fill_if_behind
 from sextant.lifecycle.launchers import launch, require_launcher
 from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import Planned, make_plan
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
@@ -82,7 +84,7 @@ def run_sweep(
         plan, left = _run_planned(plan, planned, config, outputs, run_cells or launched, reporter)
     fill_if_behind(config, [RunDirectory(outputs / cell.run) for cell in plan.cells], reporter)
     before = {entry.cell.run for entry in planned if entry.finished}
-    outcomes = [_outcome(cell, outputs, reused=cell.run in before, left=cell.run in left) for cell in plan.cells]
+    outcomes = [cell_outcome(cell, outputs, reused=cell.run in before, left=cell.run in left) for cell in plan.cells]
     return SweepOutcome(plan.name, directory, tuple(plan.cells), tuple(outcomes))
 
 
@@ -90,8 +92,10 @@ def dry_run(arguments: Sequence[str], reporter: RunReporter = SILENT_RUN) -> tup
     """What :func:`run_sweep` would run, and what it would give to sbatch if that is how; nothing is run or written.
 
     Raises:
-        UserError: as :func:`run_sweep`.
+        UserError: as :func:`run_sweep`; or it is a search.
     """
+    if read_search(arguments) is not None:
+        raise UserError("--dry-run: what a search runs next depends on what it has found", "Leave it out.")
     plan, planned, config = make_plan(arguments, reporter)
     require_launcher(config)
     outputs = Path(config.paths.outputs).absolute()
@@ -119,12 +123,17 @@ def _run_planned(
     plan.write(outputs)
     missing = missing_cells(planned, outputs)
     reporter.planned(plan, len({cell.run for cell in plan.cells}) - len(missing))
-    return _run_missing(plan, missing, config, outputs, run_cells, reporter) if missing else (plan, set())
+    return run_missing(plan, missing, config, outputs, run_cells, reporter) if missing else (plan, set())
 
 
-def _run_missing(
+def run_missing(
     plan: SweepPlan, missing: list[CellTask], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
 ) -> tuple[SweepPlan, set[str]]:
+    """Run cells under the parent run of a sweep.
+
+    Returns:
+        The plan as it ended, and the runs that were left to a cluster.
+    """
     added = ["trainer.progress=false", "paths.outputs='{}'".format(str(outputs).replace("'", r"\'"))]
     parent, page = None, None
     plan = replace(plan, began=plan.began or time.time(), ended=0.0)
@@ -195,7 +204,8 @@ def _watched(missing: list[RunDirectory], reporter: RunReporter, page: "ParentPa
         watcher.join()
 
 
-def _outcome(cell: Cell, outputs: Path, *, reused: bool, left: bool) -> Outcome:
+def cell_outcome(cell: Cell, outputs: Path, *, reused: bool, left: bool) -> Outcome:
+    """How the run of a cell ended, by its directory."""
     run = RunDirectory(outputs / cell.run)
     results = run.results()
     status: Status = "submitted" if left else "failed"

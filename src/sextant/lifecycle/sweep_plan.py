@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from sextant.composing.compose import compose, composing_many, to_plain
-from sextant.composing.overrides import parse
+from sextant.composing.overrides import Override, parse
+from sextant.composing.search_words import search_words
 from sextant.config import Config, validate
+from sextant.config.schema.space import dimension, is_dimension
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked, require_environment
 from sextant.lifecycle.execute import run_key
@@ -66,7 +68,7 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
             if first is None:
                 require_environment(config, reporter)
                 first = config
-            planned += _over_seeds(design, setting, arm, overrides, config, reporter)
+            planned += over_seeds(design, setting, arm, overrides, config, reporter)
     assert first is not None
     tracking = {"kind": first.tracking.kind, "uri": first.tracking.uri}
     cells = [entry.cell for entry in planned]
@@ -86,7 +88,7 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
     return overrides, config
 
 
-def _over_seeds(
+def over_seeds(
     design: Design,
     setting: dict[str, str],
     arm: str,
@@ -94,6 +96,7 @@ def _over_seeds(
     config: Config,
     reporter: Reporter,
 ) -> list[Planned]:
+    """An arm in a setting at each seed of the design, looked up on disk."""
     source, outputs = recipe_of(config.task.name, reporter).source(config), Path(config.paths.outputs)
     planned = []
     follows_seed = any("${seed}" in override for override in overrides)
@@ -126,7 +129,7 @@ def read_design(arguments: Sequence[str]) -> Design:
     sweep = validate({**base, "sweep": definition}).sweep
     assert sweep is not None
 
-    seeds = _seeds(swept.pop("seed", given.get("seed")), sweep.seeds if base.get("sweep") else [base["seed"]])
+    seeds = seeds_given(swept.pop("seed", given.get("seed")), sweep.seeds if base.get("sweep") else [base["seed"]])
     factors = {key: given.get(key, [str(v) for v in values]) for key, values in sweep.factors.items()} | swept
     arms: Arms = {name: (arm.overrides, arm.seed_offset) for name, arm in sweep.arms.items()}
     _refuse_arm_keys(given, arms)
@@ -151,7 +154,12 @@ def _check_read(arm: str, definition: Mapping[str, Any], config: Config) -> None
         )
 
 
-def _seeds(given: list[str] | None, default: list[int]) -> list[int]:
+def seeds_given(given: list[str] | None, default: list[int]) -> list[int]:
+    """Seeds as the command line gives them, if it does.
+
+    Raises:
+        UserError: they are no seeds, or two are equal.
+    """
     if given is None:
         return default
     if not all(seed.isdigit() for seed in given) or len(set(given)) < len(given):
@@ -179,14 +187,28 @@ def check_sweep_overrides(overrides: Sequence[str]) -> None:
     Raises:
         UserError: as :func:`~sextant.composing.compose.compose`.
     """
-    parsed = parse(overrides)
+    parsed = parse(search_words(overrides))
     for override in parsed:
         if override.key.replace(".", "/").startswith("hydra/launcher"):
             raise UserError(f"{override.text}: not Hydra's launchers run sweeps", "launcher=joblib launcher.workers=4")
-    choices = [[f"{o.key}={choice}" for choice in o.choices()] if o.sweeps else [o.text] for o in parsed]
+    choices = [[f"{o.key}={choice}" for choice in o.choices()] if o.sweeps else [_one_value(o)] for o in parsed]
     first = [options[0] for options in choices]
     with composing_many():
         compose(first)
         for number, options in enumerate(choices):
             for option in options[1:]:
                 compose([*first[:number], option, *first[number + 1 :]])
+
+
+def _one_value(override: Override) -> str:
+    """An override as it is composed, the middle of a range in its place.
+
+    Raises:
+        UserError: there is no such range.
+    """
+    if override.deletes or not is_dimension(override.value):
+        return override.text
+    try:
+        return f"{override.key}={dimension(override.value).middle}"
+    except ValueError as error:
+        raise UserError(f"{override.key}={override.value}: no range to search", str(error)) from None

@@ -27,6 +27,7 @@ class CalibrationRecipe(Recipe):
     """See :class:`~sextant.tasks.calibration.module.Calibration`."""
 
     evaluation_example = "dataset=panorama_folder dataset.folder=<panoramas>"
+    monitor = ("val/bearing_deg", "min")
     sweep_example = "experiment=calibration_small seed=0,1,2 loss=bearing,l2_range"
     test_settings = ("geometric_baselines",)
 

@@ -25,6 +25,7 @@ class ClassificationRecipe(Recipe):
     """See :class:`~sextant.tasks.classification.module.Classification`."""
 
     evaluation_example = "corruption=gaussian"
+    monitor = ("val/accuracy", "max")
     sweep_example = "seed=0,1,2 inhibition=none,push_pull"
     test_settings = ("test_every",)
 

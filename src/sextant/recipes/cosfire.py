@@ -31,6 +31,7 @@ class CosfireRecipe(Recipe):
     """See :class:`~sextant.tasks.cosfire.module.CosfireRecognition`."""
 
     evaluation_example = "dataset=mnist"
+    monitor = ("val/accuracy", "max")
     sweep_example = "seed=0,1,2 bank=gabor,vectors"
     uncorrupted = "images as they are"
     test_settings = ("test_every",)

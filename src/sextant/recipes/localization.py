@@ -33,6 +33,7 @@ class LocalizationRecipe(Recipe):
     """See :class:`~sextant.tasks.localization.module.Localization`."""
 
     evaluation_example = "fault=kidnap"
+    monitor = ("val/place_nll", "min")
     sweep_example = "seed=0,1,2 recovery=none,bayes_restart"
     prediction_example = "input=<folder of photos> odometry=<table>"
     uncorrupted = "drives as they are, under fault and faults"

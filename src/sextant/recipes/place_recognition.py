@@ -38,6 +38,7 @@ class PlaceRecognitionRecipe(Recipe):
     """See :class:`~sextant.tasks.places.module.PlaceRecognition`."""
 
     evaluation_example = "dataset=nordland"
+    monitor = ("val/recall_at_1", "max")
     sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
     prediction_example = "map=<folder> queries=<folder>"
     uncorrupted = "under the conditions of its dataset"

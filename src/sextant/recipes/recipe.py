@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -60,6 +60,7 @@ class Recipe(ABC):
 
     Attributes:
         evaluation_example: arguments of ``evaluate.py`` that a user may want next.
+        monitor: metric of the validation split that chooses checkpoints, and whether its "max" or "min" is best.
         sweep_example: arguments of ``train.py -m`` that a user may want next.
         prediction_example: arguments of ``predict.py`` that say what to predict.
         uncorrupted: how it tests images, if it has no use for test conditions of the group ``corruption``.
@@ -68,6 +69,7 @@ class Recipe(ABC):
     """
 
     evaluation_example: ClassVar[str]
+    monitor: ClassVar[tuple[str, Literal["max", "min"]]]
     sweep_example: ClassVar[str]
     prediction_example: ClassVar[str] = "input=<folder>"
     uncorrupted: ClassVar[str] = ""

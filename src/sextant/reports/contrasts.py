@@ -59,6 +59,8 @@ class ContrastRow:
 
 def contrasts(results: SweepResults) -> list[ContrastRow]:
     """Every contrast of the sweep; Holm's family is the conditions of one contrast in one setting."""
+    if results.plan.is_search:  # its trials are compared by validation alone
+        return []
     named = named_contrasts(results)
     floor_sides = named.get(noise_floor(results))
     rows: list[ContrastRow] = []

@@ -21,6 +21,7 @@ from sextant.reports.particles_report import particles_section
 from sextant.reports.pooled_report import pooled_section
 from sextant.reports.published_verdict import beside_published, published_verdict
 from sextant.reports.results import SweepResults
+from sextant.reports.search_report import write_search_report
 from sextant.reports.section import Section
 from sextant.reports.summary import Summary, summarise
 from sextant.reports.tables import TextTable, interval, is_number, number, slug
@@ -33,8 +34,11 @@ def write_report(results: SweepResults) -> list[Path]:
         The files: ``report.md``, ``cells.csv``, ``seeds.csv`` (every run), ``contrasts.csv``, ``cells.tex``,
         ``contrasts.tex``, ``cost.csv``, ``pooled.csv`` if there is a noise floor, those of a published set of
         corruptions if the runs were tested under one, those of particle counts if several were tried, ``metrics.csv``
-        if the runs tell of metrics beside their measure, figures.
+        if the runs tell of metrics beside their measure, figures. Of a search, see
+        :func:`~sextant.reports.search_report.write_search_report`.
     """
+    if results.plan.is_search:
+        return write_search_report(results)
     folder = results.directory / "report"
     folder.mkdir(parents=True, exist_ok=True)
     summaries, rows = summarise(results), contrasts(results)

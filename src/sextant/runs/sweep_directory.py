@@ -53,6 +53,7 @@ class SweepPlan:
         started: when it was last run, in seconds since 1970.
         began: when its first run was started; 0 if none was yet.
         ended: when its last run had ended; 0 while they run, and if it was killed.
+        key: of a search, which keeps its directory while its cells become more; empty otherwise.
     """
 
     name: str
@@ -64,12 +65,20 @@ class SweepPlan:
     started: float = 0.0
     began: float = 0.0
     ended: float = 0.0
+    key: str = ""
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the planned runs, wherever they lie."""
+        """SHA-256 of the planned runs, wherever they lie, or the key."""
+        if self.key:
+            return self.key
         cells = sorted([cell.setting, cell.arm, cell.pair, cell.seed, cell.digest] for cell in self.cells)
         return hashlib.sha256(json.dumps(cells).encode()).hexdigest()
+
+    @property
+    def is_search(self) -> bool:
+        """Whether its cells are trials of a search."""
+        return bool(self.definition.get("search"))
 
     def directory(self, outputs: Path) -> Path:
         """``outputs/sweeps/<name>-<digest8>``."""

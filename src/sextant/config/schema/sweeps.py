@@ -1,26 +1,11 @@
 """Ablations."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from sextant.config.schema.parts import (
-    Node,
-    Seed,
-    distinct,
-)
-
-
-def _first_seeds(value: Any) -> Any:
-    """A number n of seeds stands for 0 to n - 1."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        if value < 1:
-            raise ValueError(f"a number of seeds must be at least 1, got {value}")
-        return list(range(value))
-    return value
-
-
-Seeds = Annotated[list[Seed], Field(min_length=1), AfterValidator(distinct), BeforeValidator(_first_seeds)]
+from sextant.config.schema.parts import Node
+from sextant.config.schema.searches import Search, Seeds
 
 
 class Arm(Node):
@@ -61,6 +46,17 @@ class Sweep(Node):
     interval: Literal["t", "bootstrap"] = "t"
     metrics: list[str] = Field(default_factory=list)
     quick: list[str] | None = None
+    search: Search | None = None
+
+    @model_validator(mode="after")
+    def _search_or_factors(self) -> Self:
+        if self.search is None:
+            return self
+        if self.factors or self.arms or self.contrasts:
+            raise ValueError("sweep.search compares its own trials: a sweep with factors, arms or contrasts has none")
+        if both := set(self.seeds) & set(self.search.fresh_seeds or ()):
+            raise ValueError(f"sweep.search.fresh_seeds={sorted(both)}: the winner is chosen at these; name others")
+        return self
 
     @model_validator(mode="after")
     def _contrasts_name_arms(self) -> Self:

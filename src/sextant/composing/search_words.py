@@ -1,0 +1,32 @@
+"""The words of a command line that describe a search, as overrides that Hydra understands."""
+
+import re
+from collections.abc import Sequence
+
+RANGE = re.compile(r"(?P<key>[^=\s]+)=(?P<range>(?:log_uniform|uniform|int)\s*\(.*\))")
+METHOD = "sweep.search="
+
+
+def is_range(text: str) -> bool:
+    """Whether an override gives a range of numbers; ``int(2.5)`` is a number, as Hydra reads it."""
+    found = RANGE.fullmatch(text)
+    return found is not None and (found["range"].startswith(("log", "uni")) or "," in text)
+
+
+def search_words(words: Sequence[str]) -> list[str]:
+    """Overrides, those of a search so that they can be composed.
+
+    ``sweep.search=tpe`` names the method, and with it there need not be a stored sweep: keys of ``sweep`` are added. A
+    range is text. A choice is what lists several values, as in other sweeps.
+    """
+    searching = any(word.startswith(("sweep.search", "++sweep.search")) for word in words)
+    return [_composable(word, searching) for word in words]
+
+
+def _composable(word: str, searching: bool) -> str:
+    if is_range(word):
+        key, _, text = word.partition("=")
+        return f'{key}="{text}"'
+    if word.startswith(METHOD):
+        return f"++{METHOD[:-1]}.method={word.removeprefix(METHOD)}"
+    return f"++{word}" if searching and word.startswith("sweep.") else word

@@ -1,0 +1,57 @@
+"""What a search found: its trials in order, and what its keys account for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from sextant.figures.style import COLOURS, new_figure, plain
+
+
+@dataclass(frozen=True)
+class TrialPoint:
+    """A trial: its number, mean and values at single seeds (none without a result), and whether it has all seeds."""
+
+    number: int
+    mean: float
+    values: Sequence[float]
+    full: bool
+
+
+def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool) -> Figure:
+    """Means of trials in the order in which they were asked for, and the best so far among those with all seeds.
+
+    A trial with fewer seeds than others is drawn hollow, one without a result as a cross on the lower edge.
+    """
+    figure, (axes,) = new_figure(6.4, 3.4)
+    found = [trial for trial in trials if trial.values]
+    for full, face in ((True, COLOURS[0]), (False, "white")):
+        some = [trial for trial in found if trial.full == full]
+        label = "mean over all seeds" if full else "mean over the seeds it was given"
+        axes.plot([t.number for t in some], [t.mean for t in some], "o", color=COLOURS[0], mfc=face, label=label)
+    for trial in found:
+        axes.plot([trial.number] * len(trial.values), trial.values, ".", color="0.6", markersize=3, zorder=0)
+    leading = [trial for trial in found if trial.full]
+    if leading:
+        best = (np.maximum if maximize else np.minimum).accumulate([trial.mean for trial in leading])
+        axes.step([trial.number for trial in leading], best, where="post", color=COLOURS[1], label="best so far")
+    none = [trial.number for trial in trials if not trial.values]
+    if none:
+        across = axes.get_xaxis_transform()
+        axes.plot(none, [0.02] * len(none), "x", color="black", transform=across, label="no result", clip_on=False)
+    axes.set(xlabel="trial", ylabel=metric)
+    plain(axes).legend(frameon=False, fontsize=8)
+    return figure
+
+
+def importance_bars(importances: Mapping[str, float]) -> Figure:
+    """The share of the metric's variance over the space that each key accounts for, the largest on top."""
+    figure, (axes,) = new_figure(5.2, 0.4 * len(importances) + 1)
+    names = list(importances)
+    axes.barh(range(len(names)), [importances[name] for name in names], color=COLOURS[0])
+    axes.set_yticks(range(len(names)), names, fontsize=8)
+    axes.invert_yaxis()
+    axes.set(xlabel="importance", xlim=(0, 1))
+    plain(axes)
+    return figure

@@ -1,0 +1,1 @@
+"""Searches: which point of a space is tried next, at how many seeds, and what became of it."""

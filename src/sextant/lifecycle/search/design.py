@@ -1,0 +1,162 @@
+"""What a search is: its space, its seeds, and the config that they vary."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.overrides import Override, parse
+from sextant.composing.search_words import search_words
+from sextant.config import Config, validate
+from sextant.config.schema.searches import Search
+from sextant.config.schema.space import Dimension, is_dimension
+from sextant.errors import UserError
+from sextant.lifecycle.execute import run_digest
+from sextant.lifecycle.sweep_plan import Design, Planned, cell_config, over_seeds, seeds_given
+from sextant.recipes import recipe_of
+from sextant.reporter import SILENT, Reporter
+
+#: how far the seeds at which a winner is tested are from those it was chosen at
+FRESH = 1000
+
+
+@dataclass(frozen=True)
+class SearchDesign:
+    """A search, as its command line and its stored sweep describe it.
+
+    Attributes:
+        name: of the sweep.
+        definition: the ``sweep`` node, nothing in it left to a default.
+        arguments: of the command line.
+        fixed: the overrides that all runs share.
+        search: the checked node, metric, direction and fresh seeds filled in.
+        seeds: of each trial, in the order in which they are run.
+        experiment: digest of the config in the middle of the space.
+    """
+
+    name: str
+    definition: dict[str, Any]
+    arguments: tuple[str, ...]
+    fixed: tuple[str, ...]
+    search: Search
+    seeds: tuple[int, ...]
+    experiment: str
+
+    @property
+    def space(self) -> dict[str, Dimension]:
+        """What is searched."""
+        return self.search.dimensions
+
+    @property
+    def fresh(self) -> tuple[int, ...]:
+        """The seeds that the winner is tested at."""
+        return tuple(self.search.fresh_seeds or ())
+
+    @property
+    def trials(self) -> int:
+        """How many there will be; a grid has no more than its points."""
+        return int(min(self.search.n_trials, self.search.points if self.search.method == "grid" else math.inf))
+
+    @property
+    def sign(self) -> int:
+        """1 if more is better, -1 if less is."""
+        return 1 if self.search.direction == "maximize" else -1
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes a search another one; how many trials it has, and how they are raced, does not."""
+        kept = ("method", "space", "metric", "direction", "sampler_seed")
+        return {name: getattr(self.search, name) for name in kept} | {
+            "seeds": list(self.seeds),
+            "experiment": self.experiment,
+        }
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of :attr:`identity`; names the folder."""
+        return hashlib.sha256(json.dumps(self.identity, sort_keys=True).encode()).hexdigest()
+
+    def planned(self, arm: str, setting: Mapping[str, str], reporter: Reporter = SILENT) -> list[Planned]:
+        """The runs of a point, at its seeds and then at the fresh ones.
+
+        Raises:
+            UserError: the config of the point is wrong.
+        """
+        design = Design(self.name, {}, list(self.fixed), {}, {arm: ([], 0)}, [*self.seeds, *self.fresh])
+        overrides, config = cell_config(design, setting, arm)
+        return over_seeds(design, dict(setting), arm, overrides, config, reporter)
+
+
+def read_search(arguments: Sequence[str]) -> tuple[SearchDesign, Config] | None:
+    """What overrides ask for, if it is a search, and the config in the middle of its space.
+
+    A key that is given one value is not searched, whatever a stored sweep says; one that lists several is a choice.
+
+    Raises:
+        UserError: a range cannot be read, or its bounds make a wrong config; the method does not suit the space.
+    """
+    parsed = parse(search_words(arguments))
+    ranges = {o.key: str(o.value) for o in parsed if _is_range(o)}
+    ranges |= {o.key: f"choice({','.join(o.choices())})" for o in parsed if o.sweeps and o.key != "seed"}
+    fixed = [o for o in parsed if not o.sweeps and not _is_range(o)]
+    started = [o.text for o in fixed] + [f"{o.key}={o.choices()[0]}" for o in parsed if o.sweeps and o.key != "seed"]
+    base = to_plain(compose(started))
+    node = base.get("sweep") or {}
+    if node.get("search") is None:
+        if numbers := [o for o in parsed if _is_range(o)]:
+            raise UserError(
+                f"{numbers[0].key}={numbers[0].value} is a range, and a sweep lists values",
+                f"Search it: add sweep.search=tpe. Or list values: {numbers[0].key}=a,b,c",
+            )
+        return None
+    given = {o.key: o.choices() for o in parsed}
+    space = {key: text for key, text in (node["search"].get("space") or {}).items() if key not in given} | ranges
+    node = {"name": "search", **node, "search": {**node["search"], "space": space}}
+    sweep = validate({**base, "sweep": node}).sweep
+    assert sweep is not None
+    assert sweep.search is not None
+    seeds = seeds_given(given.get("seed"), sweep.seeds)
+    search = _filled(sweep.search, recipe_of(base["task"]["name"]).monitor, seeds)
+    if set(seeds) & set(search.fresh_seeds or ()):
+        raise UserError(f"seed={','.join(map(str, seeds))}: sweep.search.fresh_seeds has one of these too")
+    kept = tuple(o.text for o in fixed if o.key != "seed" and not o.key.startswith("sweep."))
+    config = _check_ends(kept, search)
+    definition = {**node, "seeds": seeds, "search": search.model_dump()}
+    design = SearchDesign(sweep.name, definition, tuple(arguments), kept, search, tuple(seeds), run_digest(config))
+    return design, config
+
+
+def _is_range(override: Override) -> bool:
+    return not override.sweeps and not override.deletes and is_dimension(override.value)
+
+
+def _filled(search: Search, monitor: tuple[str, str], seeds: Sequence[int]) -> Search:
+    """A search with its defaults; a metric of one's own has to say which way is better."""
+    metric, mode = monitor
+    if search.metric not in (None, metric) and search.direction is None:
+        raise UserError(
+            f"sweep.search.metric={search.metric}: which way is better?",
+            "Add sweep.search.direction=minimize or maximize",
+        )
+    filled = {
+        "metric": search.metric or metric,
+        "direction": search.direction or {"max": "maximize", "min": "minimize"}[mode],
+        "fresh_seeds": search.fresh_seeds or [max(seeds) + FRESH + k for k in range(len(seeds))],
+    }
+    return search.model_copy(update=filled)
+
+
+def _check_ends(fixed: Sequence[str], search: Search) -> Config:
+    """The config in the middle of the space; a ``UserError`` unless it and those at the ends of each key are right."""
+    space = search.dimensions
+    middle = {key: found.middle for key, found in space.items()}
+    design = Design("search", {}, list(fixed), {}, {"middle": ([], 0)}, [0])
+    _, config = cell_config(design, middle, "middle")
+    for key, found in space.items():
+        for end in found.ends:
+            if end != middle[key]:
+                cell_config(design, {**middle, key: end}, "middle")
+    return config

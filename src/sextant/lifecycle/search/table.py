@@ -1,0 +1,121 @@
+"""The trials of a search, and what their run directories say of them."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sextant.errors import UserError
+from sextant.evaluation.racing import Scores, leader, seeds_run
+from sextant.lifecycle.search.design import SearchDesign
+from sextant.lifecycle.sweep_plan import Planned
+from sextant.runs.directory import RunDirectory
+from sextant.runs.sweep_directory import Cell
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A point of the space.
+
+    Attributes:
+        setting: the value of each key.
+        planned: its runs, at the seeds of the search and then at the fresh ones; none if its config is wrong.
+        problem: what is wrong with its config.
+    """
+
+    number: int
+    setting: Mapping[str, str]
+    planned: list[Planned] = field(default_factory=list)
+    problem: str = ""
+
+    @property
+    def arm(self) -> str:
+        """Its name in the plan."""
+        return arm_of(self.number)
+
+
+def arm_of(number: int) -> str:
+    """The name of a trial in the plan."""
+    return f"trial {number}"
+
+
+class Table:
+    """Trials x seeds, from the run directories.
+
+    Args:
+        design: of the search.
+        outputs: output folder.
+    """
+
+    def __init__(self, design: SearchDesign, outputs: Path):
+        self.design, self.outputs = design, outputs
+        self.trials: list[Trial] = []
+        self.failed: dict[str, str] = {}
+        self._finished: dict[str, dict[str, Any]] = {}
+
+    def scores(self) -> Scores:
+        """The metric, its sign such that more is better; nan is not run, minus infinity has no result.
+
+        A run that failed counts as one without a result as long as this process goes on; the same command tries it
+        again.
+        """
+        scores = np.full((len(self.trials), len(self.design.seeds)), math.nan)
+        for row, trial in zip(scores, self.trials, strict=True):
+            if not trial.planned:
+                row[0] = -math.inf
+            for place, entry in enumerate(trial.planned[: len(row)]):
+                row[place] = self._score(entry.cell)
+                if math.isnan(row[place]):  # one that was run for another reason waits for its turn
+                    break
+        return scores
+
+    def diverged(self, trial: Trial) -> bool:
+        """Whether a run of a trial did not learn."""
+        found = (self._results(entry.cell) for entry in trial.planned)
+        return any(results is not None and results["outcome"] == "diverged" for results in found)
+
+    def cells(self, running: list[Planned]) -> list[Cell]:
+        """The cells of a plan: what has been run and what is about to be, trial by trial."""
+        counts, seeds = seeds_run(self.scores()), len(self.design.seeds)
+        about = {id(entry) for entry in running}
+        return [
+            replace(entry.cell, message=self.failed.get(entry.cell.run, ""))
+            for trial, count in zip(self.trials, counts, strict=True)
+            for place, entry in enumerate(trial.planned)
+            if place < count or id(entry) in about or (place >= seeds and self._begun(entry.cell))
+        ]
+
+    def best(self) -> Trial | None:
+        """The trial that leads."""
+        found = leader(self.scores()) if self.trials else None
+        return None if found is None else self.trials[found]
+
+    def _begun(self, cell: Cell) -> bool:
+        return bool(RunDirectory(self.outputs / cell.run).state())
+
+    def _score(self, cell: Cell) -> float:
+        results = self._results(cell)
+        if results is None:
+            return -math.inf if cell.run in self.failed else math.nan
+        if results["outcome"] != "finished":
+            return -math.inf
+        metric = str(self.design.search.metric)
+        if metric not in results["metrics"]:
+            known = [name for name in results["metrics"] if name.startswith("val/")]
+            raise UserError(
+                f"sweep.search.metric={metric}: {cell.run} has no such metric", f"It has {', '.join(known) or 'none'}"
+            )
+        value = results["metrics"][metric]
+        return -math.inf if value is None else self.design.sign * float(value)
+
+    def _results(self, cell: Cell) -> dict[str, Any] | None:
+        """What a finished run found; read once."""
+        if cell.run not in self._finished:
+            results = RunDirectory(self.outputs / cell.run).results()
+            if results is None:
+                return None
+            self._finished[cell.run] = results
+        return self._finished[cell.run]
