@@ -1,14 +1,23 @@
 """Any timm network as a backbone; timm is an extra: ``pip install sextant[timm]``."""
 
+from pathlib import Path
 from typing import Any
 
 from torch import nn
 
 from sextant.errors import ArgumentError, UserError
+from sextant.models.torchvision_backbone import widen_first
+from sextant.models.weights_file import load_weights
 
 
 def timm_backbone(
-    name: str, in_channels: int, image_size: tuple[int, int], num_classes: int, *, pretrained: bool = False
+    name: str,
+    in_channels: int,
+    image_size: tuple[int, int],
+    num_classes: int,
+    *,
+    pretrained: bool = False,
+    weights: str | None = None,
 ) -> nn.Module:
     """The timm network ``name`` with ``num_classes`` outputs and a first layer for ``in_channels``.
 
@@ -18,6 +27,7 @@ def timm_backbone(
         image_size: height and width; networks of a fixed input size are built for it.
         num_classes: outputs of the last layer.
         pretrained: fetch the weights that timm has for it.
+        weights: a safetensors or ``weights_only`` file of the network with timm's own classes, for colour images.
 
     Raises:
         UserError: timm is not installed, there is no such network, or its weights cannot be fetched.
@@ -29,7 +39,7 @@ def timm_backbone(
     if not timm.is_model(name):
         near = timm.list_models(f"{name[:6]}*")[:5] or timm.list_models("resnet1*")[:5]
         raise ArgumentError(f"name={name!r} is not a timm network", f"For example {', '.join(near)}")
-    settings: dict[str, Any] = {"num_classes": num_classes, "in_chans": in_channels}
+    settings: dict[str, Any] = {} if weights is not None else {"num_classes": num_classes, "in_chans": in_channels}
     try:
         try:
             network: nn.Module = timm.create_model(name, pretrained=pretrained, img_size=image_size, **settings)
@@ -38,4 +48,9 @@ def timm_backbone(
     except (OSError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
         raise ArgumentError(f"the weights of {name} could not be fetched: {reason}", "Use pretrained=false") from None
+    if weights is not None:
+        load_weights(network, Path(weights).expanduser())
+        network.reset_classifier(num_classes)  # type: ignore[operator]
+        if in_channels != 3:
+            widen_first(network, in_channels)
     return network

@@ -1,9 +1,7 @@
 """Any torchvision classification network as a backbone."""
 
 from pathlib import Path
-from typing import Any
 
-import torch
 from torch import nn
 
 from sextant.errors import ArgumentError, UserError
@@ -30,7 +28,7 @@ def torchvision_backbone(
     network = torchvision_classifier(name, weights)
     _replace_last(network, num_classes)
     if in_channels != 3:
-        _widen_first(network, in_channels)
+        widen_first(network, in_channels)
     return network
 
 
@@ -81,14 +79,10 @@ def _replace_last(network: nn.Module, num_classes: int) -> None:
     _replace(network, name, nn.Linear(last.in_features, num_classes))
 
 
-def _widen_first(network: nn.Module, in_channels: int) -> None:
-    name, first = next((n, m) for n, m in network.named_modules() if isinstance(m, nn.Conv2d))
-    settings: dict[str, Any] = {key: getattr(first, key) for key in ("kernel_size", "stride", "padding", "dilation")}
-    wide = nn.Conv2d(in_channels, first.out_channels, bias=first.bias is not None, **settings)
-    with torch.no_grad():
-        wide.weight.zero_()
-        shared = min(3, in_channels)
-        wide.weight[:, :shared] = first.weight[:, :shared]
-        if first.bias is not None and wide.bias is not None:
-            wide.bias.copy_(first.bias)
-    _replace(network, name, wide)
+def widen_first(network: nn.Module, in_channels: int) -> None:
+    """Let the first convolution take other channels, in place; the filters of those after the colours start at zero."""
+    first = next(module for module in network.modules() if isinstance(module, nn.Conv2d))
+    wide = first.weight.new_zeros(first.out_channels, in_channels, *first.kernel_size)
+    shared = min(3, in_channels)
+    wide[:, :shared] = first.weight.detach()[:, :shared]
+    first.weight, first.in_channels = nn.Parameter(wide), in_channels

@@ -2,7 +2,9 @@
 
 import pickle
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from torch import nn
 
@@ -28,6 +30,7 @@ def load_weights(network: nn.Module, path: Path) -> None:
             state = load_file(path)
         else:
             state = load_verified(path)
+        _require_fit(network, state)
         network.load_state_dict(state)
         require_finite(state, path)
     except Exception as error:
@@ -35,6 +38,19 @@ def load_weights(network: nn.Module, path: Path) -> None:
             f"weights={path} cannot be loaded: {why_unread(error)}",
             "Give a state dict of this network, as torchvision saves it.",
         ) from None
+
+
+def _require_fit(network: nn.Module, state: Mapping[str, Any]) -> None:
+    """Raise a ``ValueError`` that names the first keys of a state dict that are not those of the network."""
+    own = network.state_dict()
+    wrong = {
+        "lacks": [key for key in own if key not in state],
+        "holds besides": [key for key in state if key not in own],
+        "has in another shape": [k for k in own if k in state and own[k].shape != getattr(state[k], "shape", None)],
+    }
+    told = [f"it {how} {', '.join(keys[:3])} ({len(keys)} in all)" for how, keys in wrong.items() if keys]
+    if told:
+        raise ValueError(f"it is not of {type(network).__name__}: {'; '.join(told)}")
 
 
 def why_unread(error: Exception) -> str:

@@ -10,6 +10,8 @@ import numpy as np
 
 from sextant.config import Config
 from sextant.config.schema.classification.corruptions import CorruptionSuite, StoredSuite
+from sextant.config.schema.networks import TimmBackbone
+from sextant.data.source import file_sha256
 from sextant.errors import UserError
 from sextant.reporter import SILENT, Reporter
 from sextant.runs.resolve import resolve_run
@@ -97,6 +99,10 @@ class Recipe(ABC):
             from sextant.corruptions.stored_suite import folder_identity
 
             typed["corruption"]["folder"] = folder_identity(config.corruption.folder)
+        if isinstance(config.backbone, TimmBackbone) and config.backbone.weights is not None:
+            path = Path(config.backbone.weights).expanduser()
+            if path.is_file():  # a trained network is tested without it
+                typed["backbone"]["weights"] = file_sha256(path)
         return typed
 
     def answers(self, config: Config) -> list[str]:
