@@ -35,7 +35,7 @@ class WhitenedPCA(PlaceDescriptor):
         """Learn the components from the reference images.
 
         Raises:
-            ValueError: the images are all the same, or there is only one.
+            ValueError: there is only one image.
         """
         if len(images) < 2:
             raise ValueError("principal components need at least two reference images; got one")

@@ -29,7 +29,7 @@ def whitening(
 
     Raises:
         ValueError: there are no more rows than ``dimensions``, or they span fewer directions; with ``or_fewer``,
-            there is one, or all are equal.
+            there is one.
     """
     from sklearn.decomposition import PCA
 
@@ -39,8 +39,6 @@ def whitening(
         raise ValueError(f"dimensions={dimensions} needs more reference images than that; got {len(rows)}")
     if dimensions > rows.shape[1]:
         raise ValueError(f"dimensions={dimensions}, but a descriptor has only {rows.shape[1]} numbers")
-    if bool((rows == rows[0]).all()):
-        raise ValueError("the reference images are all described alike")
     pca = PCA(dimensions, whiten=True, svd_solver=solver).fit(rows)
     variance = pca.explained_variance_
     rank = int((variance > SMALLEST_SHARE * variance[0]).sum()) if variance[0] > 0 else 0
