@@ -68,6 +68,7 @@ NOT_RUN = {
     r"^sextant claims": "as tests/lifecycle/test_claims.py, or runs sweeps",
     r"^sextant doctor": "as tests/cli/test_doctor.py and tests/runs/test_machine.py",
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
+    r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",
     r"^make (run|test|lint|lock|worlds-gallery)": "installs, or takes minutes",
     r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",
     r"^source ": "an environment of the user's own",
