@@ -289,8 +289,9 @@ def test_a_run_that_is_not_there(folder, told):
     assert "no run, run directory or checkpoint" in told(arguments(folder, "descriptor=run", "descriptor.run=gone"))
 
 
-def test_more_dimensions_than_the_map_has_images(folder, told):
-    assert "descriptor" in told(arguments(folder, "descriptor.dimensions=200"))
+def test_more_dimensions_than_the_map_has_images_are_as_many_as_it_spans(folder, told):
+    with pytest.raises(AssertionError, match="it was trained"):  # nothing is refused
+        told(arguments(folder, "descriptor.dimensions=200"))
 
 
 # -- filter and faults -------------------------------------------------------------------------------------------------
