@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from loopback_postgres import program
-from loopback_slurm import missing_programs
 from time_limit import end_workers, time_limit
 from xdist.scheduler import LoadScopeScheduling
 
@@ -39,13 +37,12 @@ def pytest_xdist_make_scheduler(config, log):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Tests of a cluster are left out where its programs are not installed. Files with slow tests come first: none of
-    them is left for one worker at the end.
+    """Tests that start a cluster run only where they are asked for. Files with slow tests come first: none of them is
+    left for one worker at the end.
     """
-    here = program("initdb") is not None and not missing_programs()
-    left = [item for item in items if item.get_closest_marker("cluster") and not here]
-    items[:] = [item for item in items if item not in left]
-    config.hook.pytest_deselected(items=left)
+    if "cluster" not in config.option.markexpr:
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("cluster")])
+        items[:] = [item for item in items if not item.get_closest_marker("cluster")]
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
 
