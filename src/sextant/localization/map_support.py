@@ -97,7 +97,7 @@ class MapSupport:
         return torch.exp(-2 * beyond * beyond).view(poses.shape[:-1])
 
     def log_change(self, before: Float64[Tensor, "r p 3"], after: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
-        """:math:`\log g(x_t) / g(x_{t-1})` of particles that moved from one pose to another."""
+        r""":math:`\log g(x_t) / g(x_{t-1})` of particles that moved from one pose to another."""
         return self._log_prior(after) - self._log_prior(before)
 
     def off_map(self, belief: Belief) -> Float64[Tensor, "r"]:
