@@ -96,6 +96,35 @@ def test_a_damaged_lease_is_held_by_nobody(tmp_path):
     lease.release()
 
 
+def test_a_lease_that_cannot_be_read_is_not_taken(tmp_path, monkeypatch):
+    first = take(tmp_path)
+
+    def refused(*_):
+        raise PermissionError(13, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module.Path, "read_text", refused)
+        with pytest.raises(PermissionError):
+            take(tmp_path)
+    assert not first.taken_over()
+    first.release()
+
+
+def test_who_slept_through_two_takeovers_knows(tmp_path, elsewhere):
+    elsewhere("a")
+    first = take(tmp_path, LEASE_S)
+    for host in "bc":
+        elsewhere(host)
+        grown_old(max(tmp_path.iterdir(), key=lambda path: int(path.name)), 2 * LEASE_S)
+        last = take(tmp_path, LEASE_S)
+        assert isinstance(last, Lease)
+    for path in (first.path, first.path.with_name("2")):
+        path.unlink(missing_ok=True)
+    assert first.taken_over()
+    assert not last.taken_over()
+    last.release()
+
+
 def test_a_disk_without_hard_links_does_too(tmp_path, monkeypatch):
     def refused(*given):
         raise OSError(module.NO_LINKS[0], "Operation not permitted")

@@ -21,6 +21,8 @@ from pathlib import Path
 #: for how long a lease that is not touched is believed, in seconds
 LEASE_S = 60.0
 BEATS = 6  # within that time
+#: of a file that another host has deleted
+GONE = (errno.ENOENT, errno.ESTALE)
 NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
 
 
@@ -79,7 +81,9 @@ class Lease:
         successor = self.path.with_name(str(int(self.path.name) + 1))
         try:
             self.lost = self.lost or successor.exists() or self.path.stat().st_mtime == 0
-        except OSError:  # the folder was deleted, or the disk is away for now
+        except FileNotFoundError:  # removed by one of those that came after, unless somebody deleted the whole folder
+            self.lost = self.path.parent.is_dir()
+        except OSError:  # the disk is away for now
             return self.lost
         return self.lost
 
@@ -146,10 +150,13 @@ def _numbers(folder: Path) -> list[int]:
 def _latest(folder: Path) -> tuple[int, Holder | None]:
     """The highest number, 0 for none, and who made it."""
     for number in reversed(_numbers(folder)):
-        with suppress(OSError, ValueError, TypeError):
+        try:
             return number, Holder(**json.loads((folder / str(number)).read_text()))
-        if (folder / str(number)).exists():  # damaged: it can be held by nobody
+        except (ValueError, TypeError):  # damaged: it can be held by nobody
             return number, None
+        except OSError as error:  # given back meanwhile; what cannot be read for another reason may well be held
+            if error.errno not in GONE:
+                raise
     return 0, None
 
 

@@ -56,6 +56,20 @@ def test_it_finds_its_way_in_another_season_whatever_the_spacing_of_the_map(stre
     assert not any(one.lost for one in found[20:])
 
 
+def test_what_an_image_teaches_counts_the_way_since_the_last_image(street, localizer):
+    localizer.reset(0)
+    localizer.step(None, street.at(street.summer, 10))
+    for _ in range(4):
+        localizer.step((street.step / 8, 0.0, 0.0))  # odometry comes more often than images
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 11))
+    assert localizer._change.images == pytest.approx(1 + 0.5)
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 11))  # and stands still
+    assert localizer._change.images == pytest.approx(1.5)
+    localizer.step(None)
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 12))
+    assert localizer._change.images == pytest.approx(2.5)
+
+
 def test_without_support_particles_drift_to_where_no_map_is(street, localizer):
     before = Localizer(
         localizer.model,

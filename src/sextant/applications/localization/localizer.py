@@ -8,6 +8,7 @@
 The map may also be made of arrays, with :meth:`Localizer.from_images`, and saved with :meth:`Localizer.save`.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -140,7 +141,7 @@ class Localizer:
         self.seed = self.seed if seed is None else seed
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
-        self._change = AppearanceChange.none(self.model.map.dimension)
+        self._change, self._way = AppearanceChange.none(self.model.map.dimension), math.inf  # since the last image
 
     @torch.no_grad()
     def step(
@@ -163,7 +164,8 @@ class Localizer:
         """
         seen = self._seen(image, descriptor)
         moved = _motion(motion)
-        evidence = None if seen is None else self._evidence(seen, moved)
+        self._way += self._steps_of_map(moved)
+        evidence = None if seen is None else self._evidence(seen)
         looked = torch.tensor([evidence is not None])
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
@@ -209,11 +211,11 @@ class Localizer:
         pixels = as_pixels(image, self.image_size)
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
 
-    def _evidence(self, seen: Tensor, moved: Tensor) -> Evidence:
+    def _evidence(self, seen: Tensor) -> Evidence:
         if not self.adapts:
             return self.model.observe(seen[None], self.likelihood)
         where, dimension = self.model.map, self.model.map.dimension
-        weight = 1.0 if self._state is None else self._steps_of_map(moved)
+        weight, self._way = min(1.0, self._way), 0.0
         change = self._change.seen(seen, weight)
         residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])
         if bool(residuals.squared.isfinite().all()):  # numbers near the end of their range teach nothing
@@ -222,12 +224,11 @@ class Localizer:
         return self.model.observe(centred, self._change.likelihood(self.likelihood))
 
     def _steps_of_map(self, moved: Tensor) -> float:
-        """How much of the way from one image of the map to the next, at most 1; 1 if it is unknown."""
+        """How much of the way from one image of the map to the next; infinite if it is unknown."""
         support = self.filter.support
         if support is None or not bool(moved.isfinite().all()):
-            return 1.0
-        way = float(moved[:2].norm()) / (2 * support.reach) + abs(float(moved[2])) / (2 * support.heading_reach)
-        return min(1.0, way)
+            return math.inf
+        return float(moved[:2].norm()) / (2 * support.reach) + abs(float(moved[2])) / (2 * support.heading_reach)
 
     def _seen(self, image: AnyImage | None, descriptor: ndarray | None) -> Tensor | None:
         if image is not None and descriptor is not None:

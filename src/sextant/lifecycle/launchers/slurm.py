@@ -195,7 +195,10 @@ class _Arrays:
         if time.monotonic() - since < self.launcher.lease_s:
             return False
         if queued is not None:  # its node died, and SLURM has not noticed yet
-            cancel([queued.job])
+            try:
+                cancel([queued.job])
+            except UserError:  # it ended meanwhile, or SLURM is away for now: the next look tells
+                return False
         return True
 
     def _vanished(self, submission: Submission, number: int) -> str:

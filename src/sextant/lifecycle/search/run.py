@@ -206,7 +206,7 @@ class _Search:
         scores, folder = self.table.scores(), self.plan.directory(self.outputs)
         self.plan = replace(self.plan, cells=self.table.cells([]))
         self.plan.write(self.outputs)
-        valued = [(t, row) for t, row in zip(self.table.trials, scores, strict=True) if np.isfinite(np.nanmax(row))]
+        valued = [(t, row) for t, row in zip(self.table.trials, scores, strict=True) if np.isfinite(np.nanmean(row))]
         means = [self.design.sign * float(np.nanmean(row)) for _, row in valued]
         found = {
             "trials": [
