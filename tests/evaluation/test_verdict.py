@@ -144,3 +144,13 @@ def test_what_is_counted_needs_no_seeds(mean, expects, matters, verdict):
 )
 def test_a_claim_needs_all_its_parts(verdicts, verdict):
     assert together(verdicts) == verdict
+
+
+def test_an_interval_of_which_only_the_ends_are_known_is_widened_for_several_parts():
+    of_pairs = Estimate.of_pairs(-1.0, 1.0, SEEDS)
+    known = Estimate(-1.0, math.nan, SEEDS - 1, SEEDS, known=of_pairs.interval())
+    for tail in (0.025, 0.025 / 3):
+        assert known.interval(tail) == pytest.approx(of_pairs.interval(tail))
+    border = known.interval()[1] + 1e-6  # just below it with one part, not with three
+    assert decide(known, "better", border) == "fails"
+    assert decide(known, "better", border, parts=3) == "undecided"

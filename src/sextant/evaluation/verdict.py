@@ -52,8 +52,10 @@ class Estimate:
         """The interval that leaves this share out on either side; nan without a known error."""
         if self.counted:
             return (self.mean, self.mean)
-        if self.known is not None:
-            return self.known
+        if self.known is not None:  # of which nothing but the width is known: as wide as Student's t would make it
+            wider = float(stats.t.ppf(1 - tail, self.seeds - 1) / stats.t.ppf(1 - TAIL, self.seeds - 1))
+            low, high = self.known if tail == TAIL else (self.mean + wider * (end - self.mean) for end in self.known)
+            return (low, high)
         half = float(stats.t.ppf(1 - tail, self.freedom)) * self.error if self.freedom > 0 else math.nan
         return (self.mean - half, self.mean + half)
 
