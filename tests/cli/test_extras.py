@@ -9,7 +9,7 @@ import pytest
 from sextant import cli
 
 #: packages whose modules have another name
-MODULES = {"hydra_core": "hydra", "pyyaml": "yaml"}
+MODULES = {"vl_convert_python": "vl_convert", "markdown_it_py": "markdown_it", "hydra_core": "hydra", "pyyaml": "yaml"}
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,7 @@ NOT_RUN = {
     r"^python -m sextant\.corruptions": "needs CIFAR-10; smaller in tests/corruptions/test_make_command.py",
     r"^sextant data (render|verify|gallery)": "renders for minutes; smaller in tests/cli/test_data.py",
     r"^sextant claims": "as tests/lifecycle/test_claims.py, or runs sweeps",
+    r"^sextant report .*html=": "as tests/reports/test_html_page.py",
     r"^sextant doctor": "as tests/cli/test_doctor.py and tests/runs/test_machine.py",
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",

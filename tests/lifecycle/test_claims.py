@@ -206,14 +206,14 @@ def test_a_preset_runs_what_is_missing_and_decides_from_it(tmp_path, monkeypatch
     tables = run_claims(claims, "quick", DOCS, ["launcher=local"])
     (claim,) = decide_claims(claims, tables)
     assert (claim.verdict, tables.left_out) == ("undecided", {})
-    page = life.write_board(claims, tables, tmp_path / "board", "sextant claims preset=quick").read_text()
+    (page,) = life.write_board(claims, tables, "sextant claims preset=quick", tmp_path / "board")
     more = 8 - claim.deciding.estimate.seeds  # 1, or 0 if so short a training left a network at chance
-    assert f"at least {more} more needed" in page
+    assert f"at least {more} more needed" in page.read_text()
 
 
 def test_a_preset_says_what_it_cannot_run(tmp_path):
     claims = {"cosfire_mnist_9949": CLAIMS["cosfire_mnist_9949"]}
     tables = run_claims(claims, "quick", DOCS)
     assert decide_claims(claims, tables) == []
-    page = life.write_board(claims, tables, tmp_path, "sextant claims preset=quick").read_text()
-    assert "`cosfire_mnist_9949`: sweep=cosfire_mnist_full has no quick form" in page
+    page, _ = life.write_board(claims, tables, "sextant claims preset=quick", tmp_path, tmp_path / "html")
+    assert "`cosfire_mnist_9949`: sweep=cosfire_mnist_full has no quick form" in page.read_text()

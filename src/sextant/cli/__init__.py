@@ -34,6 +34,7 @@ EXTRAS = {
     ),
     "worlds": ("embreex", "shapely", "networkx"),
     "search": ("optuna", "cmaes"),
+    "html": ("vl_convert", "markdown_it"),
     "timm": ("timm",),
 }  # fmt: skip
 

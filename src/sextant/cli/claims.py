@@ -9,7 +9,9 @@ from rich.table import Table
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
 
-USAGE = "sextant claims [claim=<name>|all] [preset=quick|full] [launcher=joblib workers=2] [output=<folder>]"
+USAGE = """\
+sextant claims [claim=<name>|all] [output=<folder>] [html=<folder>]
+sextant claims preset=quick|full [launcher=joblib workers=2]"""
 
 
 class ClaimsOptions(Options):
@@ -25,6 +27,8 @@ class ClaimsOptions(Options):
     """processes of the launcher"""
     output: UserPath | None = None
     """folder of claims.md and its pictures; for all claims docs, or outputs/claims/<preset> of a preset"""
+    html: UserPath | None = None
+    """folder of claims.html: the board as one page with charts, which needs no server and no network"""
     digests: Literal["check", "renew"] = "check"
     """renew: take in the stored results as they are, after their sweeps were run anew"""
 
@@ -47,13 +51,13 @@ def main(arguments: Sequence[str]) -> None:
         from sextant.tracking.environment import quiet_libraries
 
         quiet_libraries()
-        chosen = {"launcher": options.launcher, "launcher.workers": options.workers}
-        overrides = [f"{key}={value}" for key, value in chosen.items() if value is not None]
+        given = {"launcher": options.launcher, "launcher.workers": options.workers}
+        overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
         tables = life.run_claims(claims, options.preset, stored, overrides, TERMINAL)
         output, command = default_outputs() / "claims" / options.preset, f"{command} preset={options.preset}"
-    decided, page = life.decide_claims(claims, tables), None
-    if options.claim == "all" or options.output is not None:  # the board in docs is of all
-        page = life.write_board(claims, tables, options.output or output, command)
+    decided = life.decide_claims(claims, tables)
+    chosen = options.output or (output if options.claim == "all" else None)  # the board in docs is of all
+    pages = life.write_board(claims, tables, command, chosen, options.html)
     table = Table("claim", "verdict", "effect in its favour, 95 %", "asked", "seeds")
     for claim in decided:
         first = claim.deciding
@@ -62,5 +66,5 @@ def main(arguments: Sequence[str]) -> None:
     console.print(table)
     for sweep, why in tables.left_out.items():
         console.print(f"not run: {sweep}: {why}", markup=False)
-    if page is not None:
+    for page in pages:
         console.print(str(page), markup=False)

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 from rich.table import Table
 
-from sextant.cli.arguments import Options
+from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
 from sextant.tracking.environment import quiet_libraries
 
 if TYPE_CHECKING:
     from sextant.reports.results import SweepResults
 
-USAGE = "sextant report sweep=<name, directory or MLflow parent run>"
+USAGE = "sextant report sweep=<name, directory or MLflow parent run> [html=<folder>]"
 
 
 class ReportOptions(Options):
@@ -25,6 +25,8 @@ class ReportOptions(Options):
     """output folder, if not the default"""
     tracking: Literal["none"] | None = Field(None, title="none, which keeps the report off the parent run")
     """none: do not log the report on the sweep's parent run"""
+    html: UserPath | None = None
+    """folder of <sweep>.html: the report as one page with charts, which needs no server and no network"""
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -36,6 +38,10 @@ def main(arguments: Sequence[str]) -> None:
 
     results = sweep_results(options.sweep, options.outputs)
     paths = write_report(results)
+    if options.html is not None:
+        from sextant.reports.page.report_page import write_report_page
+
+        paths.append(write_report_page(results, options.html))
     (_show_search if results.plan.is_search else _show)(results)
     console.print("\n".join(str(path) for path in paths))
     if options.tracking is None and results.plan.mlflow_runs:

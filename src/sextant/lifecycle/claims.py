@@ -66,8 +66,20 @@ def decide_claims(claims: Claims, tables: Tables) -> list[DecidedClaim]:
     ]
 
 
-def write_board(claims: Claims, tables: Tables, output: Path, command: str) -> Path:
-    """Write ``claims.md`` and its pictures; the same results give the same bytes.
+def write_board(
+    claims: Claims, tables: Tables, command: str, output: Path | None = None, html: Path | None = None
+) -> list[Path]:
+    """Write the board, and what belongs to it; the same results give the same bytes.
+
+    Args:
+        claims: to be decided.
+        tables: that decide.
+        command: that the board says it was written by.
+        output: folder of ``claims.md`` and its pictures.
+        html: folder of ``claims.html``, which holds all it needs.
+
+    Returns:
+        The pages.
 
     Raises:
         UserError: a table lacks what a claim names.
@@ -79,12 +91,18 @@ def write_board(claims: Claims, tables: Tables, output: Path, command: str) -> P
         for name, claim in claims.items()
         if name not in there
     }
-    (output / "claims").mkdir(parents=True, exist_ok=True)
-    for claim in decided:
-        _write(output / "claims" / f"{claim.name}.svg", picture(claim))
-    page = output / "claims.md"
-    _write(page, board(decided, "claims", command, left_out))
-    return page
+    text, written = board(decided, "claims", command, left_out), {}
+    if output is not None:
+        for claim in decided:
+            _write(output / "claims" / f"{claim.name}.svg", picture(claim))
+        written[output / "claims.md"] = text
+    if html is not None:
+        from sextant.reports.page.claims_page import claims_page
+
+        written[html / "claims.html"] = claims_page(decided, text)
+    for path, page in written.items():
+        _write(path, page)
+    return list(written)
 
 
 def check_digests(claims: Claims, stored: Path) -> None:

@@ -1,0 +1,1 @@
+"""Reports as single pages that need no server and no network."""

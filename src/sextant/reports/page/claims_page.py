@@ -1,0 +1,64 @@
+"""The board of claims as a page."""
+
+import math
+from collections.abc import Sequence
+
+from sextant.figures.charts import Spec
+from sextant.figures.interval_chart import IntervalRow, interval_chart
+from sextant.reports.claims_board import Comparison, DecidedClaim, seeds_told
+from sextant.reports.page.html_page import html_page
+
+VERDICTS = ("holds", "fails", "undecided")
+BESIDE = "beside"
+
+
+def claims_page(claims: Sequence[DecidedClaim], board: str) -> str:
+    """A page of the board: its text, with a chart of all claims above and one of each in place of its picture.
+
+    Args:
+        claims: that were decided.
+        board: their text, as :func:`~sextant.reports.claims_board.board` writes it.
+    """
+    title, rest = board.split("\n", 1)
+    text = f"{title}\n\n![all claims](overview.svg)\n{rest}"
+    return html_page("Claims", text, {"overview": [_overview(claims)], **{c.name: _of_claim(c) for c in claims}})
+
+
+def _overview(claims: Sequence[DecidedClaim]) -> Spec:
+    """All claims in units of the smallest effect that matters; those to which any effect does are left out."""
+    rows = []
+    for claim in claims:
+        first = claim.deciding
+        if first.matters:
+            tip = {"claim": claim.sentence, "verdict": claim.verdict, **_tip(first), "published": claim.published}
+            rows.append(_row(first, claim.name, claim.verdict, tip, 1 / first.matters, f"#{claim.name}"))
+    axis = "effect in favour of the claim, in units of the smallest that matters"
+    title = "The comparison that decides each claim; a click leads to it"
+    return interval_chart(rows, axis, title, order=VERDICTS, marks=(-1.0, 0.0, 1.0), symlog=True)
+
+
+def _of_claim(claim: DecidedClaim) -> list[Spec]:
+    """A chart of the comparisons in each unit."""
+    charts, count = [], len(claim.counting)
+    for unit in dict.fromkeys(each.unit for each in claim.comparisons):
+        rows = []
+        for each in (each for each in claim.comparisons if each.unit == unit):
+            kind = BESIDE if each.beside else each.verdict(count)
+            rows.append(_row(each, each.label, kind, {"comparison": each.label, "verdict": kind, **_tip(each)}))
+        charts.append(interval_chart(rows, f"{unit} (for the claim: positive)", order=(*VERDICTS, BESIDE)))
+    return charts
+
+
+def _row(
+    found: Comparison, label: str, kind: str, tip: dict[str, str], scale: float = 1.0, link: str = ""
+) -> IntervalRow:
+    strip = found.strip()
+    mean, low, high, matters = (scale * value for value in (strip.mean, strip.low, strip.high, strip.matters))
+    band = (-matters, matters) if matters else (math.nan, math.nan)
+    return IntervalRow(label, mean, low, high, kind, band, tip=tip, link=link)
+
+
+def _tip(found: Comparison) -> dict[str, str]:
+    verdict = "undecided" if found.beside else found.verdict(1)
+    told = {"effect": f"{found.effect()} {found.unit}", "asked": found.asked(), "seeds": seeds_told(found, verdict)}
+    return told | ({"note": found.note} if found.note else {})

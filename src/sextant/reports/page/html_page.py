@@ -1,0 +1,115 @@
+"""A text with tables and charts as one page of HTML that holds all it needs."""
+
+import base64
+import hashlib
+import html
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sextant.figures.charts import Spec
+
+if TYPE_CHECKING:
+    from markdown_it.token import Token
+
+#: what is drawn in the place of a picture, by the picture's name without its folder and suffix
+Charts = Mapping[str, Sequence[Spec]]
+
+KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
+HINT = (
+    "Headings sort a table. In a chart the pointer shows the numbers, a click on the legend shows one kind alone, "
+    "dragging moves, the wheel with Shift enlarges, and a double click takes both back."
+)
+
+
+def html_page(title: str, text: str, charts: Charts, pictures: Path | None = None) -> str:
+    """A page from Markdown.
+
+    It loads nothing and runs no scripts but its own two, which it names by their hashes: what the text holds is text.
+
+    Args:
+        title: of the page.
+        text: Markdown; links to other files, which a page by itself has not, become plain text.
+        charts: in the place of pictures.
+        pictures: folder of the other pictures, which are taken into the page.
+
+    Returns:
+        HTML; the same arguments give the same.
+
+    Example:
+        >>> page = html_page("Runs", "| arm |\\n| --- |\\n| a |\\n", {})  # doctest: +SKIP
+    """
+    data: list[str] = []
+    body = _body(text, charts, pictures, data)
+    scripts = [vega(), _own("page.js")]
+    allowed = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
+    return "\n".join(
+        [
+            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{html.escape(title)}</title>\n<style>\n{_own('page.css')}</style>\n</head>\n<body>",
+            f'{body}\n<p class="hint">{HINT}</p>',
+            *data,
+            *(f"<script>{script}</script>" for script in scripts),
+            "</body>\n</html>\n",
+        ]
+    )
+
+
+@cache
+def vega() -> str:
+    """Vega, Vega-Lite and their embedding, as one script."""
+    import vl_convert
+
+    bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what has a default
+    return bundle.replace("</script", "<\\/script")
+
+
+def _body(text: str, charts: Charts, pictures: Path | None, data: list[str]) -> str:
+    from markdown_it import MarkdownIt
+
+    parser = MarkdownIt("commonmark").enable("table")
+    tokens = parser.parse(text)
+    for token in tokens:
+        if token.type == "inline":
+            token.children = [_standing_alone(child) for child in token.children or []]
+
+    def image(self: object, found: "Sequence[Token]", number: int, options: object, env: object) -> str:
+        name = Path(str(found[number].attrs["src"]))
+        return _picture(name, found[number].content, charts.get(name.stem), pictures, data)
+
+    parser.add_render_rule("image", image)
+    parser.add_render_rule("table_open", lambda *_: '<div class="table"><table>\n')
+    parser.add_render_rule("table_close", lambda *_: "</table></div>\n")
+    return str(parser.renderer.render(tokens, parser.options, {}))
+
+
+def _standing_alone(token: "Token") -> "Token":
+    """A token; a link to another file is none any more."""
+    if token.type == "link_open" and not str(token.attrs["href"]).startswith(("#", "http://", "https://")):
+        token.attrs = {}
+    return token
+
+
+def _picture(name: Path, alt: str, specs: Sequence[Spec] | None, folder: Path | None, data: list[str]) -> str:
+    if specs is not None:
+        places = []
+        for spec in specs:
+            key = f"chart{len(data)}"
+            said = json.dumps(spec, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+            data.append(f'<script type="application/json" id="{key}">{said}</script>')
+            places.append(f'<span class="chart" style="display:block" data-chart="{key}"></span>')
+        return "".join(places)
+    path = None if folder is None else folder / name.name
+    if path is None or not path.is_file():
+        return html.escape(alt)
+    encoded = base64.b64encode(path.read_bytes()).decode()
+    return f'<img alt="{html.escape(alt)}" src="data:{KINDS[path.suffix]};base64,{encoded}">'
+
+
+def _own(name: str) -> str:
+    return (Path(__file__).parent / name).read_text("utf-8")

@@ -1,0 +1,108 @@
+"""The report of a sweep or a search as a page."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from sextant.atomic_files import write_atomically
+from sextant.figures.charts import Spec
+from sextant.figures.interval_chart import IntervalRow, interval_chart
+from sextant.figures.search_chart import TrialMark, search_chart
+from sextant.reports.contrasts import ContrastRow, contrasts
+from sextant.reports.page.html_page import html_page
+from sextant.reports.results import SweepResults
+from sextant.reports.search_results import search_results
+from sextant.reports.summary import Summary, summarise
+from sextant.reports.tables import interval, number
+
+
+def write_report_page(results: SweepResults, folder: Path) -> Path:
+    """Write a page of a report that is there: its text and pictures, and charts of what was found above them.
+
+    Args:
+        results: what the runs found.
+        folder: of the page, which is named like the sweep's directory.
+
+    Returns:
+        The page.
+    """
+    path = folder / f"{results.directory.name}.html"
+    text = _page(results, results.directory / "report")
+    write_atomically(path, lambda file: file.write(text.encode()))
+    return path
+
+
+def _page(results: SweepResults, report: Path) -> str:
+    text = (report / "report.md").read_text("utf-8")
+    head, between, rest = text.partition("\n## ")
+    if results.plan.is_search:
+        return html_page(results.plan.name, text, {"history": [_search(results)]}, report)
+    charts = {"arms": list(_arms(results, summarise(results))), "contrasts": list(_contrasts(results))}
+    shown = "".join(f"\n![{name}]({name}.svg)\n" for name, specs in charts.items() if specs)
+    return html_page(results.plan.name, head + shown + between + rest, charts, report)
+
+
+def _arms(results: SweepResults, summaries: Sequence[Summary]) -> Iterator[Spec]:
+    """The means of the arms under each condition, a chart for each setting."""
+    measure = results.measure
+    for setting in results.settings:
+        rows = [
+            _arm(row, measure.digits)
+            for condition in results.conditions
+            for row in summaries
+            if (row.setting, row.condition) == (setting, condition)
+        ]
+        axis = f"{measure.quantity}{f' ({measure.unit})' if measure.unit else ''}; {measure.better} is better"
+        yield interval_chart(rows, axis, _title("Arms", setting), order=results.arms, marks=())
+
+
+def _arm(row: Summary, digits: int) -> IntervalRow:
+    tip = {
+        "arm": row.arm,
+        "condition": row.condition,
+        "mean": number(row.mean, digits),
+        "95 % over seeds": interval(row.low, row.high, digits),
+        "runs": f"{row.seeds} converged, {row.diverged} diverged, {row.failed} failed, {row.missing} missing",
+    }
+    return IntervalRow(row.condition, row.mean, row.low, row.high, row.arm, published=row.published, tip=tip)
+
+
+def _contrasts(results: SweepResults) -> Iterator[Spec]:
+    """The differences under each condition, a chart for each contrast and setting."""
+    rows, digits = contrasts(results), results.measure.digits
+    axis = f"{results.measure.difference}; {results.measure.better} is better"
+    for name, setting in dict.fromkeys((row.contrast, row.setting) for row in rows):
+        of_chart = [_contrast(row, digits) for row in rows if (row.contrast, row.setting) == (name, setting)]
+        yield interval_chart(of_chart, axis, _title(name, setting))
+
+
+def _contrast(row: ContrastRow, digits: int) -> IntervalRow:
+    nan, paired, reach = float("nan"), row.paired, row.single_pair_reach
+    mean, low, high = (nan, nan, nan) if paired is None else (paired.mean, paired.low, paired.high)
+    tip = {
+        "condition": row.condition,
+        "difference": number(mean, digits, sign=True),
+        "95 % over seeds": interval(low, high, digits, sign=True),
+        "pairs": str(0 if paired is None else paired.seeds),
+        "p (Wilcoxon, Holm)": number(row.p_holm, 3),
+        "one pair of runs, seeds alone": interval(-reach, reach, digits, sign=True),
+    }
+    return IntervalRow(row.condition, mean, low, high, "mean over seeds", (-reach, reach), row.published, tip)
+
+
+def _search(results: SweepResults) -> Spec:
+    found = search_results(results)
+    metric = str(found.search["metric"])
+    trials = [
+        TrialMark(
+            trial.number,
+            trial.mean,
+            trial.state,
+            {"trial": str(trial.number), metric: f"{trial.mean:.4g}", "seeds": str(len(trial.values)), **trial.setting},
+        )
+        for trial in found.trials
+    ]
+    return search_chart(trials, metric, "Trials")
+
+
+def _title(name: str, setting: str) -> str:
+    return name if setting == "-" else f"{name}: {setting}"
