@@ -44,3 +44,23 @@ def test_a_model_that_does_not_fit_its_map_is_refused_in_its_terms():
     raw = {"seed": 0, "observation": {"_target_": "sextant.localization.observation.LocalGP", "neighbours": 3}}
     with pytest.raises(UserError, match=r"^observation\.neighbours=3 must be in \[1, 2\]"), naming_groups(raw):
         LocalGP(3).fit(small, PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (
+            ArgumentError("folder: no such folder", "folder=/path"),
+            "dataset.folder: no such folder\ndataset.folder=/path",
+        ),
+        (ArgumentError("frames.val=[4, 3] is empty"), "dataset.frames.val=[4, 3] is empty"),
+        (ArgumentError("frames.val is null"), "dataset.frames.val is null"),
+        (MissingDataError("a folder holds no frames"), "a folder holds no frames"),
+        (ArgumentError("near_map=3: no frames", of="DriveSettings"), "task.near_map=3: no frames"),
+    ],
+)
+def test_what_no_part_is_named_for_is_of_the_dataset_and_settings_are_of_the_task(error, said):
+    raw = {"dataset": {"_target_": "a.Folder", "folder": "x", "frames": {}}, "task": {"name": "t", "near_map": 3}}
+    with pytest.raises(UserError) as caught, naming_groups(raw):
+        raise error
+    assert str(caught.value) == said

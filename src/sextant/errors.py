@@ -38,7 +38,7 @@ class ArgumentError(UserError):
         self.of = of if of is None or isinstance(of, str) else type(of).__name__
 
     def __reduce__(self) -> Any:
-        return partial(ArgumentError, of=self.of), (self.problem, self.fix)
+        return partial(type(self), of=self.of), (self.problem, self.fix)
 
     def within(self, group: str, arguments: Iterable[str]) -> UserError:
         """The same mistake in the terms of a config: ``margin=0`` becomes ``loss.margin=0`` within ``loss``.
@@ -50,9 +50,14 @@ class ArgumentError(UserError):
         return self.named({argument: f"{group}.{argument}" for argument in arguments})
 
     def named(self, keys: Mapping[str, str]) -> UserError:
-        """The same mistake with each argument called by its key of a config."""
-        written = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, keys))})=")
-        problem, fix = (written.sub(lambda m: f"{keys[m[1]]}=", text) for text in (self.problem, self.fix or ""))
+        """The same mistake with each argument called by its key of a config.
+
+        An argument is what stands before ``=``, also with a part of it named (``frames.train=``), and what a message
+        begins with: ``frames.train is``, ``folder: ``.
+        """
+        name = rf"({'|'.join(map(re.escape, keys))})"
+        written = re.compile(rf"(?<![\w.]){name}(?=(?:\.\w+)*=)|^{name}(?=(?:\.\w+)*(?::| is | has | and ))")
+        problem, fix = (written.sub(lambda m: keys[m[0]], text) for text in (self.problem, self.fix or ""))
         return UserError(problem, fix or None)
 
 

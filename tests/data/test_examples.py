@@ -132,10 +132,10 @@ def test_a_test_alone_reads_no_training_images():
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"images": 103}, "task.images=103: dataset=numbered has 102 training images, and 25 held out"),
-        ({"examples": 11}, "task.examples=11: there are 10 training images of class c to choose from"),
-        ({"images": 10, "examples": 3}, "task.examples=3: there are 2 training images of class a"),
-        ({"images": 4, "examples": 1}, "task.examples=1: there are 0 training images of class e"),
+        ({"images": 103}, "images=103: dataset=numbered has 102 training images, and 25 held out"),
+        ({"examples": 11}, "examples=11: there are 10 training images of class c to choose from"),
+        ({"images": 10, "examples": 3}, "examples=3: there are 2 training images of class a"),
+        ({"images": 4, "examples": 1}, "examples=1: there are 0 training images of class e"),
     ],
 )
 def test_fewer_than_are_asked_for(settings, says):

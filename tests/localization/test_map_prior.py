@@ -45,7 +45,7 @@ def test_an_empty_map_is_refused():
 
 @pytest.mark.parametrize(("position", "heading"), [(-1.0, 0.1), (1.0, -0.1), (math.nan, 0.1), ((1.0, math.inf), 0.1)])
 def test_deviations_must_be_finite_and_not_negative(position, heading):
-    with pytest.raises(UserError, match=r"prior\.position_sigma"):
+    with pytest.raises(UserError, match=r"^position_sigma"):
         MapPrior(POSES, position, heading)
 
 

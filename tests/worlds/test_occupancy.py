@@ -121,5 +121,5 @@ def test_a_file_that_is_no_grid_is_told(tmp_path):
     ],
 )
 def test_an_impossible_grid_is_told(resolution, bounds):
-    with pytest.raises(UserError, match=r"occupancy\.resolution_m"):
+    with pytest.raises(UserError, match=r"^resolution_m"):
         cut(resolution, bounds)

@@ -1,5 +1,6 @@
 """What the commands print, and how a user's mistake is told."""
 
+import logging
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,18 @@ WIDTH_WITHOUT_TERMINAL = 120
 
 console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+class _Shown(logging.Handler):
+    """Puts what the library logs on the standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        errors.print(escape(record.getMessage()))
+
+
+# here, since each worker process that shows something imports this
+logging.getLogger("sextant").addHandler(_Shown(logging.INFO))
+logging.getLogger("sextant").setLevel(logging.INFO)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from sextant.cli.work_progress import work_progress
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups, read_config_file
 from sextant.config import validate
+from sextant.config.building import naming_groups
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset
 from sextant.runs.outputs_folder import conf_dir
@@ -129,8 +130,9 @@ def _plan(overrides: Sequence[str]) -> "tuple[RenderPlan, Path]":
     if not _is_rendered(target):
         chosen = next(override for override in overrides if override.startswith("dataset="))
         raise UserError(f"{chosen} is not rendered: there is nothing to do", _rendered_datasets())
-    source: Any = build_dataset(config)
-    return source.plan(), Path(config.paths.cache)
+    with naming_groups(config.plain):
+        source: Any = build_dataset(config)
+        return source.plan(), Path(config.paths.cache)
 
 
 def _is_rendered(target: str) -> bool:

@@ -47,14 +47,21 @@ def require_callable(key: str, path: str) -> None:
 
 @contextmanager
 def naming_groups(raw: Mapping[str, Any]) -> Iterator[None]:
-    """Say of a mistake in an argument, found long after its part was built, which group of the config it is in."""
+    """Say of a mistake in an argument, found long after its part was built, which group of the config it is in.
+
+    That is the group of the part that the error names, else ``task``, of which modules and their settings are made. One
+    that names no part is the dataset's, whose files are read last.
+    """
     try:
         yield
     except ArgumentError as error:
-        for group, node in raw.items():
-            if isinstance(node, Mapping) and str(node.get("_target_", "")).rpartition(".")[-1] == error.of:
-                raise error.within(group, node) from None
-        raise
+        parts = {
+            str(node["_target_"]).rpartition(".")[-1]: group
+            for group, node in raw.items()
+            if isinstance(node, Mapping) and "_target_" in node
+        }
+        group = "dataset" if error.of is None else parts.get(error.of, "task")
+        raise error.within(group, raw[group]) from None
 
 
 def part_name(node: Mapping[str, Any]) -> str:

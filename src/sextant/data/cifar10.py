@@ -55,7 +55,7 @@ class CIFAR10(ImageSource):
         return [folder / name for name in names]
 
     def _find(self, names: Sequence[str]) -> Path:
-        source = "cifar-10-python.tar.gz, unpacked; dataset.train_batches=1 needs the first batch alone"
+        source = "cifar-10-python.tar.gz, unpacked; train_batches=1 needs the first batch alone"
         return find_folder(self.roots, "cifar-10-batches-py", names, dataset=self.name, source=source)
 
     def spec(self) -> ImageSpec:

@@ -9,7 +9,7 @@ from numpy import ndarray
 from sextant.data.datamodule import ImageData, in_memory
 from sextant.data.source import LabelledImages
 from sextant.data.split import stratified_split
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,11 @@ class ExampleData(ImageData):
             ) from None
         if settings.images is not None:
             if settings.images > len(train):
-                raise UserError(
-                    f"task.images={settings.images:,}: dataset={self.source.name} has {len(train):,} training images, "
+                raise ArgumentError(
+                    f"images={settings.images:,}: dataset={self.source.name} has {len(train):,} training images, "
                     f"and {len(validation):,} held out",
                     f"Choose at most {len(train)}, or null for all.",
+                    of=self,
                 )
             train = _in_turns(data.labels, train, self.seed)[: settings.images]
         kept, held_out = (LabelledImages(data.images[rows], data.labels[rows]) for rows in (train, validation))
@@ -110,12 +111,13 @@ class ExampleData(ImageData):
         counts = {label: int((examples.labels == label).sum()) for label in self.tested}
         least = min(counts, key=lambda label: counts[label])
         if counts[least] < each:
-            raise UserError(
-                f"task.examples={each}: there are {counts[least]} training images of class "
+            raise ArgumentError(
+                f"examples={each}: there are {counts[least]} training images of class "
                 f"{self.source.spec().classes[least]} to choose from",
-                f"Choose at most {counts[least]}, null for all, or more task.images."
+                f"Choose at most {counts[least]}, null for all, or more images."
                 if counts[least]
-                else "Choose more task.images.",
+                else "Choose more images.",
+                of=self,
             )
         rows = _in_turns(examples.labels, np.arange(len(examples.labels)), self.seed)[: each * len(counts)]
         return LabelledImages(examples.images[rows], examples.labels[rows])

@@ -12,7 +12,7 @@ from PIL import Image, ImageOps
 from sextant.data.places.image_files import FORMATS, require_sides
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
 from sextant.data.upright import upright
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm")
 LARGEST_IN_MEMORY = 8 * 2**30
@@ -53,7 +53,7 @@ class ImageFolder(ImageSource):
         classes = sorted(path.name for path in base.iterdir() if path.is_dir() and any(_images(path)))
         if len(classes) < 2:
             raise MissingDataError(
-                f"dataset.folder={root}: {len(classes)} folders with images, need one for each of at least two classes",
+                f"folder={root}: {len(classes)} folders with images, need one for each of at least two classes",
                 f"Arrange the images as {base}/<class>/<image>{SUFFIXES[0]}",
             )
         return classes
@@ -62,8 +62,8 @@ class ImageFolder(ImageSource):
         if self.folder is None:
             places = "\n".join(f"  {path}" for path in self.looked)
             raise MissingDataError(
-                f"dataset.folder: no such folder. Looked for\n{places}",
-                "Give a folder with one sub-folder a class: dataset.folder=/path/to/images. "
+                f"folder: no such folder. Looked for\n{places}",
+                "Give a folder with one sub-folder a class: folder=/path/to/images. "
                 "Without images of your own: dataset=digits",
             )
         return self.folder
@@ -81,7 +81,7 @@ class ImageFolder(ImageSource):
             paths = sorted(_images(self._root() / name))
             order = np.random.default_rng(label).permutation(len(paths))
             if len(paths) < 2:
-                raise UserError(f"dataset.folder={self.folder}: class {name} has one image, too few for two splits")
+                raise ArgumentError(f"folder={self.folder}: class {name} has one image, too few for two splits")
             tests = max(1, round(self.test_fraction * len(paths)))
             chosen += [paths[i] for i in sorted(order[:tests] if split == "test" else order[tests:])]
         return chosen
@@ -102,13 +102,13 @@ class ImageFolder(ImageSource):
         """
         paths = self.files(split)
         if not paths:
-            raise UserError(f"dataset.folder={self.folder}: no image of {self._classes()} in its {split} folder")
+            raise ArgumentError(f"folder={self.folder}: no image of {self._classes()} in its {split} folder")
         needed = len(paths) * self.channels * self.size**2
         if needed > LARGEST_IN_MEMORY:
-            raise UserError(
-                f"dataset.folder={self.folder}: {len(paths):,} images of {self.size}x{self.size} pixels "
+            raise ArgumentError(
+                f"folder={self.folder}: {len(paths):,} images of {self.size}x{self.size} pixels "
                 f"need {needed / 2**30:.1f} GiB of memory",
-                f"Use smaller images, for example dataset.size={self.size // 2}",
+                f"Use smaller images, for example size={self.size // 2}",
             )
         with ThreadPoolExecutor() as pool:  # Pillow decodes outside the interpreter lock
             images = list(pool.map(lambda path: decode_square(path, self.size, self.channels), paths))

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Int64, UInt8
 from numpy import ndarray
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 Split = Literal["train", "test"]
 SPLITS: tuple[Split, ...] = ("train", "test")
 
 
-class MissingDataError(UserError):
+class MissingDataError(ArgumentError):
     """The files of a dataset are not where they were looked for."""
 
 
@@ -117,7 +117,7 @@ def find_folder(roots: Sequence[Path | str], folder: str, names: Sequence[str], 
     raise MissingDataError(
         f"dataset={dataset}: {', '.join(missing)} not found. Looked in\n{looked}",
         f"Put the files there ({source}), set SEXTANT_DATA to the folder that holds {folder}, or let\n"
-        "torchvision fetch them with dataset.download=true. Without any download: dataset=digits",
+        "torchvision fetch them with download=true. Without any download: dataset=digits",
     )
 
 

@@ -82,7 +82,6 @@ class LocalizationProtocol:
 OFFICE_LOCALIZATION = LocalizationProtocol(0.5, 10.0, 10)
 #: Streets: the tightest of the usual limits under changing seasons (5 m), with heading.
 TOWN_LOCALIZATION = LocalizationProtocol(5.0, 20.0, 10)
-CITY_LOCALIZATION = TOWN_LOCALIZATION
 #: A railway, where a position is a frame of the reference ride; every tenth second of it, some 230 m at full speed.
 NORDLAND_LOCALIZATION = LocalizationProtocol(2.0, None, 10, "frames")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from sextant.composing.compose import compose, to_plain
 from sextant.config import Config, validate
-from sextant.config.building import require_callable
+from sextant.config.building import naming_groups, require_callable
 from sextant.errors import UserError
 from sextant.recipes import Source, recipe_of
 from sextant.reporter import SILENT, Reporter
@@ -63,7 +63,8 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
             "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
         ) from None
     recipe = recipe_of(config.task.name, reporter)
-    recipe.check(recipe.source(config))
+    with naming_groups(config.plain):
+        recipe.check(recipe.source(config))
     if config.tracking.kind == "server" and config.tracking.uri is not None:
         require_server(config.tracking.uri)
 

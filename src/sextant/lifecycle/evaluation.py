@@ -9,6 +9,7 @@ from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.composing.overrides import parse
 from sextant.config import Config, digest, nearest
+from sextant.config.building import naming_groups
 from sextant.errors import UserError
 from sextant.lifecycle.checks import require_device
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
@@ -44,20 +45,21 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
     content = read_trained(found.checkpoint)
     config = checkpoint_config(content[KEY], overrides)
     recipe = recipe_of(config.task.name, reporter)
-    source = recipe.source(config)
-    recipe.require_fit(config, content[KEY]["spec"], source)
+    with naming_groups(config.plain):
+        source = recipe.source(config)
+        recipe.require_fit(config, content[KEY]["spec"], source)
+        identity = digest({**recipe.identity(config), "checkpoint": found.identity})
+        code = source_sha256(config.custom_targets())
+        key = RunKey("evaluation", identity, config.seed, code, source.fingerprint())
     from sextant.lifecycle.training import test_checkpoint
-
-    identity = digest({**recipe.identity(config), "checkpoint": found.identity})
-    code = source_sha256(config.custom_targets())
-    key = RunKey("evaluation", identity, config.seed, code, source.fingerprint())
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         open_mirror()
         return test_checkpoint(config, source, content, found.checkpoint, directory, key, reporter)
 
     device, published = partial(require_device, config), content[KEY].get("published")
-    return run_once(key, config, work, device, published=published, reporter=reporter)
+    with naming_groups(config.plain):
+        return run_once(key, config, work, device, published=published, reporter=reporter)
 
 
 def checkpoint_config(trained: Mapping[str, Any], overrides: Sequence[str]) -> Config:

@@ -14,6 +14,7 @@ import yaml
 
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config, digest
+from sextant.config.building import naming_groups
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.lease import Lease
 from sextant.lifecycle.checks import checked, require_possible
@@ -81,8 +82,9 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter
         KeyboardInterrupt: the run was interrupted and can be resumed.
     """
     config = checked(raw)
-    source = recipe_of(config.task.name, reporter).source(config)
-    key = run_key(config, source)
+    with naming_groups(config.plain):
+        source = recipe_of(config.task.name, reporter).source(config)
+        key = run_key(config, source)
 
     def work(directory: RunDirectory, open_mirror: OpenMirror) -> dict[str, Any]:
         from sextant.lifecycle.training import train_and_test
@@ -90,7 +92,8 @@ def execute(raw: Mapping[str, Any], *, wait: bool = False, reporter: RunReporter
         return train_and_test(config, source, directory, key, open_mirror(), reporter)
 
     possible = partial(require_possible, config, source)
-    return run_once(key, config, work, possible, wait=wait, reporter=reporter)
+    with naming_groups(config.plain):
+        return run_once(key, config, work, possible, wait=wait, reporter=reporter)
 
 
 def run_once(

@@ -11,6 +11,7 @@ from sextant.composing.compose import compose, composing_many, to_plain
 from sextant.composing.overrides import Override, parse
 from sextant.composing.search_words import search_words
 from sextant.config import Config, validate
+from sextant.config.building import naming_groups
 from sextant.config.schema.space import dimension, is_dimension
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked, require_environment
@@ -97,10 +98,12 @@ def over_seeds(
     reporter: Reporter,
 ) -> list[Planned]:
     """An arm in a setting at each seed of the design, looked up on disk."""
-    source, outputs = recipe_of(config.task.name, reporter).source(config), Path(config.paths.outputs)
+    outputs = Path(config.paths.outputs)
     planned = []
     follows_seed = any("${seed}" in override for override in overrides)
-    key = run_key(config, source)
+    with naming_groups(config.plain):
+        source = recipe_of(config.task.name, reporter).source(config)
+        key = run_key(config, source)
     for pair, number in enumerate(design.seeds):
         seed = number + design.arms[arm][1]
         if follows_seed:

@@ -44,7 +44,7 @@ class MapPrior:
             raise UserError("the map has no image", "Name images with known poses.")
         if not all(0 <= sigma < float("inf") for sigma in self.sigmas):
             raise UserError(
-                f"prior.position_sigma={self.position_sigma} and prior.heading_sigma_rad={self.heading_sigma_rad} "
+                f"position_sigma={self.position_sigma} and heading_sigma_rad={self.heading_sigma_rad} "
                 "must be finite and not negative",
                 "For example half the distance between images of the map.",
             )

@@ -60,8 +60,8 @@ class LaserScanner:
             value = getattr(self, key)
             if not low <= value <= high:
                 raise UserError(
-                    f"laser.{key}={value:g} is out of range: it must be in [{low:g}, {high:g}]",
-                    f"Try laser.{key}={getattr(LaserScanner, key):g}",
+                    f"{key}={value:g} is out of range: it must be in [{low:g}, {high:g}]",
+                    f"Try {key}={getattr(LaserScanner, key):g}",
                 )
 
     @property

@@ -210,14 +210,14 @@ def _blank(bounds: Bounds, resolution_m: float) -> OccupancyGrid:
     left, bottom, right, top = bounds
     if not 0 < resolution_m < np.inf or not np.isfinite(bounds).all() or right <= left or top <= bottom:
         raise UserError(
-            f"occupancy.resolution_m={resolution_m:g}, bounds {bounds}: resolution and both sides must be positive",
-            "Try occupancy.resolution_m=0.1 with bounds (left, bottom, right, top)",
+            f"resolution_m={resolution_m:g}, bounds {bounds}: resolution and both sides must be positive",
+            "Try resolution_m=0.1 with bounds (left, bottom, right, top)",
         )
     rows, columns = int(np.ceil((top - bottom) / resolution_m)), int(np.ceil((right - left) / resolution_m))
     if rows * columns > MAX_CELLS:
         raise UserError(
-            f"occupancy.resolution_m={resolution_m:g} makes {rows} x {columns} cells, more than {MAX_CELLS:,}",
-            f"Try occupancy.resolution_m={2 * resolution_m * np.sqrt(rows * columns / MAX_CELLS):.2g}",
+            f"resolution_m={resolution_m:g} makes {rows} x {columns} cells, more than {MAX_CELLS:,}",
+            f"Try resolution_m={2 * resolution_m * np.sqrt(rows * columns / MAX_CELLS):.2g}",
         )
     return OccupancyGrid(np.full((rows, columns), UNKNOWN, np.uint8), resolution_m, (left, bottom))
 

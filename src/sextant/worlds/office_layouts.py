@@ -35,8 +35,8 @@ def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
     for axis, (value, (low, high)) in enumerate(zip(size, SIZES_M, strict=True)):
         if not (isinstance(value, int | float) and np.isfinite(value) and low <= value <= high):
             raise UserError(
-                f"office.size[{axis}] is {value!r}; it must be a number of metres from {low:g} to {high:g}",
-                "Choose for example office.size=[40,16].",
+                f"size[{axis}] is {value!r}; it must be a number of metres from {low:g} to {high:g}",
+                "Choose for example size=[40,16].",
             )
     rng = np.random.default_rng([seed, 31])
     width, height = float(size[0]), float(size[1])

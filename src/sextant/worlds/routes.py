@@ -40,7 +40,7 @@ class Route:
             UserError: ``step_m`` is not positive or makes too many frames.
         """
         if not step_m > 0 or not self.arc_m[-1] / step_m < MAX_FRAMES:
-            raise UserError(f"route.step_m={step_m:g} is out of range: it must be positive", "Try route.step_m=1")
+            raise UserError(f"step_m={step_m:g} is out of range: it must be positive", "Try step_m=1")
         return self._at(np.arange(0.0, np.nextafter(self.arc_m[-1], np.inf), step_m))
 
     def _at(self, arc_m: Float[ndarray, " k"]) -> "Route":
@@ -117,7 +117,7 @@ def walk(
 
 def _traverse(path: LanePath, seed: int, frame_rate_hz: float, gait: Gait) -> Route:
     if not 0 < frame_rate_hz <= 1000:
-        raise UserError(f"route.frame_rate_hz={frame_rate_hz:g} is out of range: it must be in (0, 1000]", "Try 10")
+        raise UserError(f"frame_rate_hz={frame_rate_hz:g} is out of range: it must be in (0, 1000]", "Try 10")
     rng = np.random.default_rng(seed)
     stops = path.stops[rng.uniform(size=len(path.stops)) < gait.stop_probability]
     speed = speed_profile(path, stops, gait)

@@ -18,8 +18,8 @@ def check_nodes(graph: StreetGraph, nodes: Sequence[int]) -> list[int]:
     """
     if len(nodes) < 2:
         raise UserError(
-            f"route.nodes={list(nodes)} has {len(nodes)} nodes: a route needs at least two",
-            f"Try route.nodes={[0, *graph.neighbours[0][:1]]}",
+            f"nodes={list(nodes)} has {len(nodes)} nodes: a route needs at least two",
+            f"Try nodes={[0, *graph.neighbours[0][:1]]}",
         )
     for node in nodes:
         _check_node(graph, node)
@@ -27,7 +27,7 @@ def check_nodes(graph: StreetGraph, nodes: Sequence[int]) -> list[int]:
     for (a, b), edge in zip(pairwise(nodes), edges, strict=True):
         if edge is None:
             raise UserError(
-                f"route.nodes: no street joins node {a} to node {b}",
+                f"nodes: no street joins node {a} to node {b}",
                 f"From node {a} there are streets to {list(graph.neighbours[a])}",
             )
     return [edge for edge in edges if edge is not None]
@@ -44,7 +44,7 @@ def random_walk(graph: StreetGraph, length_m: float, seed: int, start: int | Non
     """
     if not 0 < length_m < 1e6 * float(np.mean(graph.lengths)):
         limit = 1e6 * float(np.mean(graph.lengths))
-        raise UserError(f"route.length_m={length_m:g} is out of range: it must be in (0, {limit:.3g})", "Try 2000")
+        raise UserError(f"length_m={length_m:g} is out of range: it must be in (0, {limit:.3g})", "Try 2000")
     rng = np.random.default_rng(seed)
     first = int(rng.choice(np.flatnonzero(graph.degrees))) if start is None else _check_node(graph, start)
     nodes, driven, visits = [first], 0.0, np.zeros(len(graph.edges), np.int64)

@@ -52,9 +52,9 @@ class Town:
         keep_clear: Float64[ndarray, "n 2"] | None = None,
     ):
         if detail not in LEAVES:
-            raise UserError(f"town.detail is {detail!r}; it must be one of {', '.join(LEAVES)}")
+            raise UserError(f"detail is {detail!r}; it must be one of {', '.join(LEAVES)}")
         if not 0 <= density <= 1:
-            raise UserError(f"town.density is {density}; it must be from 0 to 1")
+            raise UserError(f"density is {density}; it must be from 0 to 1")
         self.graph, self.seed, self.detail, self.density = graph, seed, detail, density
         self.ground = Ground(graph)
         self._cameras = None if keep_clear is None or not len(keep_clear) else cKDTree(keep_clear)

@@ -140,7 +140,7 @@ def test_a_source_of_a_mix_can_be_shown_more_often_in_training(tmp_path):
     assert train.level(2, 1) is train.level(6, 1)
     assert len(thrice.read("test")) == len(once.read("test")) == 2
     assert once.fingerprint() != thrice.fingerprint()
-    with pytest.raises(UserError, match=r"dataset.repeats.c=2: .* a, b"):
+    with pytest.raises(UserError, match=r"repeats.c=2: .* a, b"):
         PanoramaMix(sources, {"c": 2}, roots=[tmp_path])
 
 

@@ -36,5 +36,5 @@ def test_the_longest_stretch_is_a_drive_of_its_own():
 
 @pytest.mark.parametrize("x", [[40, 50], [0, 40, 1, 40]])
 def test_a_drive_that_never_follows_the_map_is_told(x):
-    with pytest.raises(UserError, match=r"task\.near_map=0\.5: drive run"):
+    with pytest.raises(UserError, match=r"near_map=0\.5: drive run"):
         longest_along_map(drive(x), MAPPED, 0.5)

@@ -120,7 +120,7 @@ def test_order_joins_images_and_poses_that_tell_no_time(tmp_path):
     with pytest.raises(UserError, match=r"some image names contain no time, such as 0.png"):
         source(tmp_path, "tum", times="names").read()
     (tmp_path / "run" / "7.png").unlink()
-    with pytest.raises(UserError, match=r"dataset.test.run: poses.txt has 8 poses for 7 images"):
+    with pytest.raises(UserError, match=r"test.run: poses.txt has 8 poses for 7 images"):
         source(tmp_path, "tum").read()
 
 
@@ -164,16 +164,16 @@ def test_missing_folders_and_files_are_told(tmp_path, form):
     with pytest.raises(MissingDataError, match="Looked for"):
         source(tmp_path / "nothing", form).read()
     folder = write(tmp_path, form)
-    with pytest.raises(MissingDataError, match=r"dataset.elsewhere=\S*: no such folder"):
+    with pytest.raises(MissingDataError, match=r"elsewhere=\S*: no such folder"):
         source(folder, form, test={"elsewhere": "elsewhere"}).read()
     with pytest.raises(UserError, match="have the same files"):
         source(folder, form, test={"run": "map"}).read()
     name = source(folder, form).pose_file
     (folder / "run" / name).rename(folder / "run" / "moved")
-    with pytest.raises(MissingDataError, match=rf"dataset.test.run: \S*run has no poses, the file {name}"):
+    with pytest.raises(MissingDataError, match=rf"test.run: \S*run has no poses, the file {name}"):
         source(folder, form).files("test")
     (folder / "run" / "moved").rename(folder / "run" / name)
-    with pytest.raises(MissingDataError, match=r"has no odometry, the file wheels(.|\n)*dataset.odometry=<name>"):
+    with pytest.raises(MissingDataError, match=r"has no odometry, the file wheels(.|\n)*odometry=<name>"):
         source(folder, form, odometry="wheels").files("test")
 
 
@@ -195,18 +195,18 @@ def test_kitti_poses_of_another_count_or_plane_are_told(tmp_path):
     folder = write(tmp_path, "kitti")
     away = POSES * np.array([1, 1, 0]) + np.array([0, 0, np.pi / 2])  # along z, where KITTI's drives begin
     (folder / "map" / "poses.txt").write_text(kitti(away))
-    with pytest.raises(UserError, match=r"8 of 8 poses looks nearly perpendicular(.|\n)*dataset.plane=xz"):
+    with pytest.raises(UserError, match=r"8 of 8 poses looks nearly perpendicular(.|\n)*plane=xz"):
         source(folder, "kitti", plane="xy").read()
     lines = (folder / "run" / "poses.txt").read_text().splitlines()
     (folder / "run" / "poses.txt").write_text("\n".join(lines[:5]))
-    with pytest.raises(UserError, match=r"dataset.test.run: poses.txt has 5 poses for 8 images"):
+    with pytest.raises(UserError, match=r"test.run: poses.txt has 5 poses for 8 images"):
         source(folder, "kitti").read()
 
 
 def test_images_out_of_order_are_told(tmp_path):
     folder = write(tmp_path, "tum")
     (folder / "run" / names()[3]).rename(folder / "run" / "a_1000.50.png")
-    with pytest.raises(UserError, match=r"dataset.test.run: images are out of order: a_1000.50.png"):
+    with pytest.raises(UserError, match=r"test.run: images are out of order: a_1000.50.png"):
         source(folder, "tum").read()
 
 
@@ -215,7 +215,7 @@ def test_gaps_in_time_are_told_for_drives_but_not_for_the_map(tmp_path):
     for drive in ("map", "run"):
         for name in names()[2:5]:
             (folder / drive / name).unlink()
-    with pytest.raises(UserError, match=r"dataset.test.run: 1 gaps in time above dataset.max_gap_s=3\n.*1001.25.png"):
+    with pytest.raises(UserError, match=r"test.run: 1 gaps in time above max_gap_s=3\n.*1001.25.png"):
         source(folder, "tum", max_gap_s=3.0).read()
     assert len(source(folder, "tum", max_gap_s=None).read().map) == 5
 
@@ -223,7 +223,7 @@ def test_gaps_in_time_are_told_for_drives_but_not_for_the_map(tmp_path):
 def test_gaps_in_odometry_are_told(tmp_path):
     folder = write(tmp_path, "tum")
     write_tum(folder / "run" / "odometry.txt", 1000.25 + np.array([0, 1, 6.5, 7.5]), ODOMETRY[:4])
-    with pytest.raises(UserError, match=r"dataset.test.run, odometry.txt: 5 of 8 images have no pose at their time"):
+    with pytest.raises(UserError, match=r"test.run, odometry.txt: 5 of 8 images have no pose at their time"):
         source(folder, "tum", max_gap_s=3.0).read()
 
 
@@ -232,7 +232,7 @@ def test_two_images_of_the_map_at_one_pose_are_told_or_left_out(tmp_path):
     twice = POSES.copy()
     twice[5] = twice[2]
     (folder / "map" / "poses.csv").write_text(csv(twice))
-    with pytest.raises(UserError, match=r"dataset.map: 1 of 8 images have the same pose(.|\n)*1005.25.png = 1002.25"):
+    with pytest.raises(UserError, match=r"map: 1 of 8 images have the same pose(.|\n)*1005.25.png = 1002.25"):
         source(folder).read()
     data = source(folder, skip_bad=True).read()
     assert np.array_equal(data.map.images[5], picture(6))

@@ -127,7 +127,7 @@ def test_a_kitti_car_drives_where_its_camera_looks(real_data):
     aside = np.angle(np.exp(1j * (np.arctan2(step[:, 1], step[:, 0]) - flat[:-1, 2])))[moving]
     assert np.abs(np.degrees(aside)).max() < 15  # a car's camera, ahead of its axle, drifts aside in bends
     assert np.median(np.abs(np.degrees(aside))) < 1
-    with pytest.raises(UserError, match=r"dataset\.plane=xz"):
+    with pytest.raises(UserError, match=r"plane=xz"):
         to_plane(poses, "xy", "z", "07")
 
 
@@ -176,5 +176,5 @@ def test_images_out_of_order_and_gaps_name_the_images():
     with pytest.raises(UserError, match=r"out of order: c at 2.0\d* s comes after b at 3.0"):
         check_rising(np.array([1.0, 3.0, 2.0, 4.0]), list("abcd"), "k")
     check_rising(np.array([1.0, 2.0]), list("ab"), "k")
-    with pytest.raises(UserError, match=r"1 gaps in time above dataset.max_gap_s=2\n  b to c: 3.000 s"):
+    with pytest.raises(UserError, match=r"1 gaps in time above max_gap_s=2\n  b to c: 3.000 s"):
         check_gaps(np.array([1.0, 3.0, 6.0]), list("abc"), 2.0, "k")

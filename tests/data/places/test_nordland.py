@@ -70,9 +70,9 @@ def test_the_fingerprint_follows_the_split(root):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"val": (4, 7)}, r"dataset.frames.val=\[4, 7\] and dataset.frames.train share frames"),
+        ({"val": (4, 7)}, r"frames.val=\[4, 7\] and frames.train share frames"),
         ({"val": (5, None)}, "share frames"),
-        ({"train": (3, 3)}, r"dataset.frames.train=\[3, 3\]"),
+        ({"train": (3, 3)}, r"frames.train=\[3, 3\]"),
         ({"train": (-1, 3)}, "0 or more"),
         ({"train": (0, 3, 4)}, "two numbers"),
     ],
@@ -101,7 +101,7 @@ def test_splits_by_condition_share_what_is_named_alone(root):
     assert ConditionSplitSource(source, ConditionSplit()).read("test").conditions == ("summer", "winter", "autumn")
     with pytest.raises(
         UserError,
-        match=r"task.train_conditions=\['fog'\]: the train split of dataset=nordland has no fog; it has summer",
+        match=r"train_conditions=\['fog'\]: the train split of dataset=nordland has no fog; it has summer",
     ):
         ConditionSplitSource(source, ConditionSplit(train=("fog",))).read("train")
     with pytest.raises(UserError, match="share summer"):

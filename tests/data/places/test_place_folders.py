@@ -243,19 +243,19 @@ def test_a_corrupt_frame_is_named_or_counted(folder, tmp_path):
 def test_a_condition_without_a_readable_image_is_refused(folder):
     for path in (folder / "query").iterdir():
         path.write_text(f"no image, {path.name}")
-    with pytest.raises(UserError, match=r"dataset.test.query: none of its images can be read"):
+    with pytest.raises(UserError, match=r"test.query: none of its images can be read"):
         folders(folder, places="order", skip_bad=True).read("test")
 
 
 def test_an_empty_or_missing_folder_is_named(folder, tmp_path):
     (folder / "night").mkdir()
-    with pytest.raises(MissingDataError, match=r"dataset.test.night=.*holds no images"):
+    with pytest.raises(MissingDataError, match=r"test.night=.*holds no images"):
         folders(folder, places="order", test={"reference": "reference", "night": "night"}).files("test")
-    with pytest.raises(MissingDataError, match=r"dataset.test.fog=.*no such folder"):
+    with pytest.raises(MissingDataError, match=r"test.fog=.*no such folder"):
         folders(folder, places="order", test={"reference": "reference", "fog": "fog"}).files("test")
     with pytest.raises(MissingDataError, match=r"no such folder\. Looked for"):
         folders(tmp_path / "nowhere", roots=[tmp_path]).files("test")
-    with pytest.raises(MissingDataError, match=r"dataset.train is null"):
+    with pytest.raises(MissingDataError, match=r"train is null"):
         folders(folder).files("train")
 
 
@@ -264,9 +264,9 @@ def test_one_folder_cannot_be_two(folder):
         folders(folder, places="order", test={"a": "query", "b": "./query"}).files("test")
     with pytest.raises(UserError, match="have the same files"):
         folders(folder, places="order", test={"a": "query", "b": "."}).files("test")
-    with pytest.raises(UserError, match=r"dataset.test.query=query and dataset.train.x=query have files in common"):
+    with pytest.raises(UserError, match=r"test.query=query and train.x=query have files in common"):
         folders(folder, places="order", train={"x": "query"}).files("test")
-    with pytest.raises(UserError, match=r"dataset.train.x=. have files in common"):
+    with pytest.raises(UserError, match=r"train.x=. have files in common"):
         folders(folder, places="order", train={"x": "."}).files("test")
 
 
@@ -307,7 +307,7 @@ def test_the_fingerprint_follows_files_places_and_splits(folder):
 
 
 def test_a_way_to_know_places_must_exist(folder):
-    with pytest.raises(UserError, match=r"dataset.places='gps' must be one of csv, utm, order, name"):
+    with pytest.raises(UserError, match=r"places='gps' must be one of csv, utm, order, name"):
         folders(folder, places="gps")
     assert as_place_source(folders(folder)).place_unit == "m"
 

@@ -59,7 +59,7 @@ def test_a_split_without_frames_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(TownSeasonsPlan, "render", painted)
     source = as_place_source(TownSeasons(roots=[tmp_path], **TOWN | {"frames": {"train": 2, "val": 2, "test": 2}}))
     monkeypatch.setattr(TownSeasonsPlan, "splits", ("train", "elsewhere", "test", "val"))
-    with pytest.raises(UserError, match=r"dataset=town_seasons has no val images\ndataset.frames.val=300"):
+    with pytest.raises(UserError, match=r"dataset=town_seasons has no val images\nframes.val=300"):
         source.read("val")
 
 

@@ -111,9 +111,9 @@ def test_it_is_a_source_of_places(tmp_path):
         ({"base": "monsoon"}, "there is no condition 'monsoon'"),
         ({"factors": {"fogg": [1.0]}}, "an appearance has no factor 'fogg'"),
         ({"factors": {"snow": [7.0]}}, "appearance.snow is 7.0; it must be a number from 0 to 1"),
-        ({"factors": {"snow": [0.1, 0.1]}}, "dataset.factors.snow=[0.1, 0.1]: each value must occur once"),
-        ({"only": ["snow", "rain"]}, "dataset.only names rain, which have no values in dataset.factors"),
-        ({"places": {"train": 4, "test": 21}}, "dataset.places.test=21 is more than dataset.frames.test=20"),
+        ({"factors": {"snow": [0.1, 0.1]}}, "factors.snow=[0.1, 0.1]: each value must occur once"),
+        ({"only": ["snow", "rain"]}, "only names rain, which have no values in factors"),
+        ({"places": {"train": 4, "test": 21}}, "places.test=21 is more than frames.test=20"),
     ],
 )
 def test_mistakes_are_told_before_anything_is_rendered(changes, said):

@@ -305,8 +305,8 @@ def test_the_seasons_that_are_shipped_have_all_their_frames():
     ("conditions", "said"),
     [
         (["monsoon"], "there is no condition 'monsoon'"),
-        ([], "dataset.conditions is empty"),
-        (["fog", "fog"], "dataset.conditions has a duplicate name"),
+        ([], "conditions is empty"),
+        (["fog", "fog"], "conditions has a duplicate name"),
         ([{"condition": "fog", "fogg": 1.0}], "an appearance has no factor 'fogg'"),
         ([{"condition": "fog", "snow": 7}], "appearance.snow is 7; it must be a number from 0 to 1"),
         ([{"condition": "fog", "snow": "deep"}], "appearance.snow is 'deep'"),

@@ -11,11 +11,9 @@ from sextant.evaluation.localization.pose_posterior import (
     PLANE,
     POSITION,
     RAILWAY,
-    gaussian_nll,
     nees,
     particle_nll,
     pose_errors,
-    pose_moments,
     posterior_calibration,
 )
 
@@ -93,33 +91,6 @@ def test_no_variance_is_no_excuse():
     railway = np.zeros((2, 3, 3))
     railway[:, 0, 0] = 0.01
     assert nees(truth, mean, railway, RAILWAY) == pytest.approx([0, 1])
-    assert np.isnan(gaussian_nll(truth, mean, collapsed)).all()
-
-
-def test_moments_of_particles_around_the_seam_of_the_circle():
-    rng = np.random.default_rng(1)
-    centre = np.array([3.0, -2.0, np.pi])
-    poses = centre + rng.multivariate_normal(np.zeros(3), COVARIANCE, (2, 20_000))
-    poses[..., 2] = (poses[..., 2] + np.pi) % (2 * np.pi) - np.pi
-    mean, covariance = pose_moments(poses, np.zeros((2, 20_000)))
-    np.testing.assert_allclose(pose_errors(mean, np.tile(centre, (2, 1))), 0, atol=0.01)
-    np.testing.assert_allclose(covariance, np.broadcast_to(COVARIANCE, (2, 3, 3)), atol=0.003)
-
-
-def test_moments_read_the_weights_up_to_a_constant():
-    poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [9.0, 9.0, 9.0]])
-    mean, covariance = pose_moments(poses, np.array([700.0, 700.0 + math.log(3), -np.inf]))
-    assert mean[0] == pytest.approx(0.75)
-    assert covariance[0, 0] == pytest.approx(0.75 * 0.25)
-
-
-def test_the_gaussian_likelihood_is_scipys():
-    truth, mean = gaussian_truths(20)
-    expected = [-stats.multivariate_normal(m, COVARIANCE).logpdf(t) for t, m in zip(truth, mean, strict=True)]
-    covariance = np.broadcast_to(COVARIANCE, (20, 3, 3))
-    np.testing.assert_allclose(gaussian_nll(truth, mean, covariance), expected, rtol=1e-9)
-    along = [-stats.norm(m[0], 0.3).logpdf(t[0]) for t, m in zip(truth, mean, strict=True)]
-    np.testing.assert_allclose(gaussian_nll(truth, mean, covariance, RAILWAY), along, rtol=1e-9)
 
 
 class TestParticleDensity:

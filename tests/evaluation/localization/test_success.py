@@ -18,7 +18,6 @@ from sextant.evaluation.localization.success import (
     within,
 )
 from sextant.evaluation.protocols import (
-    CITY_LOCALIZATION,
     NORDLAND_LOCALIZATION,
     OFFICE_LOCALIZATION,
     TOWN_LOCALIZATION,
@@ -67,7 +66,7 @@ def test_within_needs_position_and_heading_and_counts_the_limit():
 
 def test_the_constants_are_those_stated_before_any_result():
     assert (OFFICE_LOCALIZATION.position, OFFICE_LOCALIZATION.heading_deg, OFFICE_LOCALIZATION.frames) == (0.5, 10, 10)
-    assert (CITY_LOCALIZATION.position, CITY_LOCALIZATION.heading_deg, CITY_LOCALIZATION.frames) == (5, 20, 10)
+    assert (TOWN_LOCALIZATION.position, TOWN_LOCALIZATION.heading_deg, TOWN_LOCALIZATION.frames) == (5, 20, 10)
     assert OFFICE_LOCALIZATION.name("success") == "success_0.5m_10deg_10f"
     assert NORDLAND_LOCALIZATION.name("success") == "success_2frames_10f"
     for limits in ((0.0, 10.0, 5), (1.0, -1.0, 5), (1.0, None, 0), (math.nan, None, 1)):

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, precision_recall_curve
 
 from sextant.evaluation.places.positives import Positives
-from sextant.evaluation.places.precision_recall import all_pairs_curve, best_match_curve, precision_recall
+from sextant.evaluation.places.precision_recall import best_match_curve, precision_recall
 from sextant.evaluation.places.retrieval import RetrievalProtocol
 
 
@@ -84,18 +84,6 @@ def test_only_the_best_match_of_a_query_counts():
     positives = Positives.from_lists([[1]], 2)
     curve = best_match_curve(np.array([[0, 1]]), np.array([[0.9, 0.8]]), positives)
     assert curve.recall.max() == 0
-
-
-@given(seed=st.integers(0, 999))
-def test_all_pairs_leave_out_the_ignored_ones_alone(seed):
-    rng = np.random.default_rng(seed)
-    similarities = rng.integers(0, 9, (6, 7)) / 9
-    mask, ignored = rng.random((6, 7)) < 0.2, rng.random((6, 7)) < 0.3
-    curve = all_pairs_curve(similarities, Positives.from_mask(mask), ignored)
-    kept = mask | ~ignored
-    expected = precision_recall(similarities[kept], mask[kept], int(mask.sum()))
-    np.testing.assert_array_equal(curve.precision, expected.precision)
-    np.testing.assert_array_equal(curve.recall, expected.recall)
 
 
 def test_shuffled_similarities_have_the_precision_of_chance():

@@ -18,7 +18,7 @@ from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.kept_array import keep_array, open_kept
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
@@ -66,17 +66,17 @@ class PanoramaFolder:
         self.height, self.seed, self.together = height, seed, tuple(together)
         self.fractions: dict[Split, float] = dict(fractions or {"train": 0.7, "val": 0.1, "test": 0.2})
         if set(self.fractions) != set(SPLITS) or min(self.fractions.values()) < 0 or not sum(self.fractions.values()):
-            raise UserError(
-                f"dataset.fractions={self.fractions} must give a share, 0 or more, of each of {', '.join(SPLITS)}",
+            raise ArgumentError(
+                f"fractions={self.fractions} must give a share, 0 or more, of each of {', '.join(SPLITS)}",
                 "For example fractions: {train: 0.7, val: 0.1, test: 0.2}",
             )
         if height < SMALLEST_HEIGHT:
-            raise UserError(f"dataset.height={height} must be at least {SMALLEST_HEIGHT}", "dataset.height=512")
+            raise ArgumentError(f"height={height} must be at least {SMALLEST_HEIGHT}", "height=512")
         try:
             self._pattern = None if groups is None else re.compile(groups)
         except re.error as error:
-            raise UserError(
-                f"dataset.groups={groups!r} is not a regular expression: {error}", "For example groups: '^([^_]+)_'"
+            raise ArgumentError(
+                f"groups={groups!r} is not a regular expression: {error}", "For example groups: '^([^_]+)_'"
             ) from None
 
     @cached_property
@@ -84,8 +84,8 @@ class PanoramaFolder:
         """The first of the places looked in that is a folder."""
         return first_folder(
             self.looked,
-            "dataset.folder",
-            "Give a folder of panoramas twice as wide as high: dataset.folder=/path/to/panoramas. "
+            "folder",
+            "Give a folder of panoramas twice as wide as high: folder=/path/to/panoramas. "
             "Without panoramas of your own: dataset=town_panoramas",
         )
 
@@ -107,9 +107,9 @@ class PanoramaFolder:
         wanted = [split for split in SPLITS if self.fractions[split] > 0]
         if len(scenes) < len(wanted):
             raise MissingDataError(
-                f"dataset.folder={self.folder}: {len(paths)} images of {len(scenes)} scenes, "
+                f"folder={self.folder}: {len(paths)} images of {len(scenes)} scenes, "
                 f"too few for the splits {', '.join(wanted)}",
-                f"Add panoramas ({', '.join(SUFFIXES[:3])}, ...), or look at dataset.groups and dataset.together.",
+                f"Add panoramas ({', '.join(SUFFIXES[:3])}, ...), or look at `groups` and `together`.",
             )
         side = split_scenes({scene: len(files) for scene, files in scenes.items()}, self.fractions, self.seed)
         return {split: [path for path in paths if side[self.scene(path)] == split] for split in SPLITS}
@@ -135,7 +135,7 @@ class PanoramaFolder:
         """
         paths = self.files(split)
         if not paths:
-            raise UserError(f"dataset.folder={self.folder}: no {split} panoramas", f"dataset.fractions.{split}=0.2")
+            raise ArgumentError(f"folder={self.folder}: no {split} panoramas", f"fractions.{split}=0.2")
         names = [path.relative_to(self.folder).as_posix() for path in paths]
         shape = (len(paths), self.height, 2 * self.height, 3)
         if self.cache is None:
@@ -172,9 +172,8 @@ class PanoramaFolder:
         if bad:
             more = f"\n  and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
             listed = "\n".join(sorted(bad)[:NAMED])
-            raise UserError(
-                f"dataset.folder={self.folder}: {len(bad)} of {len(paths)} {split} files are not panoramas\n"
-                f"{listed}{more}",
+            raise ArgumentError(
+                f"folder={self.folder}: {len(bad)} of {len(paths)} {split} files are not panoramas\n{listed}{more}",
                 "Replace them or take them out of the folder.",
             )
         return images

@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from sextant.data.calibration.pyramids import Kept, halved, padded
 from sextant.data.rendered import RenderedSource
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 if TYPE_CHECKING:
     import torch
@@ -112,7 +112,7 @@ class TownPanoramaSource(RenderedSource):
 
     def read(self, split: Split) -> Panoramas:
         """The panoramas of a split, in a map of the file they lie in."""
-        found = self.read_split(split, f"dataset.images.{split}=16")
+        found = self.read_split(split, f"images.{split}=16")
         towns = zip(found.columns["scene"], found.rows, strict=True)
         return Panoramas(found.images, [f"town_{town:02d}__{row:05d}" for town, row in towns], found.rows)
 
@@ -134,13 +134,13 @@ class PanoramaMix:
         self, sources: Mapping[str, Any], repeats: Mapping[str, int] | None = None, roots: Sequence[Path | str] = ()
     ):
         if not sources:
-            raise UserError("dataset.sources is empty: a mix of panoramas needs at least one source")
+            raise ArgumentError("sources is empty: a mix of panoramas needs at least one source")
         repeats = dict(repeats or {})
         for name, count in repeats.items():
             if name not in sources or count < 1:
-                raise UserError(
-                    f"dataset.repeats.{name}={count}: it takes whole numbers above 0 for {', '.join(sources)}",
-                    f"dataset.repeats.{next(iter(sources))}=2",
+                raise ArgumentError(
+                    f"repeats.{name}={count}: it takes whole numbers above 0 for {', '.join(sources)}",
+                    f"repeats.{next(iter(sources))}=2",
                 )
         self.repeats = [repeats.get(name, 1) for name in sources]
         made = [source(roots=roots) if isinstance(source, partial) else source for source in sources.values()]

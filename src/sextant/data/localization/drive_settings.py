@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 Split = Literal["map", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("map", "validation", "test")
@@ -35,10 +35,12 @@ class DriveSettings:
 
     def __post_init__(self) -> None:
         if not 0 <= self.odometry_scale <= 100:
-            raise UserError(f"task.odometry_scale={self.odometry_scale:g} must be in [0, 100]", "task.odometry_scale=1")
+            raise ArgumentError(
+                f"odometry_scale={self.odometry_scale:g} must be in [0, 100]", "odometry_scale=1", of=self
+            )
         if self.validation_share is not None and not 0 < self.validation_share < 1:
-            raise UserError(
-                f"task.validation_share={self.validation_share:g} must be within (0, 1)", "task.validation_share=0.25"
+            raise ArgumentError(
+                f"validation_share={self.validation_share:g} must be within (0, 1)", "validation_share=0.25", of=self
             )
 
     def share(self, usual: float) -> float:

@@ -8,7 +8,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from sextant.data.localization.drive import Drive
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 #: an image of the map that looks further aside shows something else
 HEADING = math.radians(45)
@@ -34,8 +34,9 @@ def longest_along_map(drive: Drive, mapped: Drive, distance: float) -> Drive:
     starts, stops = edges[::2], edges[1::2]
     longest = int(np.argmax(stops - starts)) if len(starts) else 0
     if not len(starts) or stops[longest] - starts[longest] < 2:
-        raise UserError(
-            f"task.near_map={distance:g}: drive {drive.name} has no two consecutive frames that close to a map image",
+        raise ArgumentError(
+            f"near_map={distance:g}: drive {drive.name} has no two consecutive frames that close to a map image",
             "Choose a larger distance, or null.",
+            of="DriveSettings",
         )
     return drive.select(int(starts[longest]), int(stops[longest])).renumbered()

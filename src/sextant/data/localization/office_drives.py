@@ -44,8 +44,8 @@ class OfficeDrives(RenderedSource):
 
     def read(self) -> LocalizationData:
         """All drives, rendered first if need be; pictures stay in the file they lie in."""
-        mapped = self.read_split("map", "dataset.metres=[160,80,80]")
-        driven = self.read_split("run", "dataset.metres=[160,80,80]")
+        mapped = self.read_split("map", "metres=[160,80,80]")
+        driven = self.read_split("run", "metres=[160,80,80]")
         plan = self.dataset.plan()
         store = open_store(plan, self.dataset.cache)
         laser = store.mapped("laser", np.arange(len(store)), self.threads)

@@ -10,7 +10,7 @@ from sextant.data.localization.drive_settings import DriveSettings, Split
 from sextant.data.localization.localization_data import LocalizationData, first_share
 from sextant.data.localization.simulated_odometry import CAR_WHEELS, simulated_motion, simulated_railway_motion
 from sextant.data.places import ImageRows, Nordland, PlaceFolders, PlaceImages
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 #: of each test drive, where there are no drives for validation
 VALIDATION_SHARE = 0.25
@@ -90,10 +90,10 @@ class PlaceFolderDrives:
         self.dataset, self.settings = dataset, settings or DriveSettings()
         self.name = dataset.name
         if dataset.place_unit != "m":
-            raise UserError(
-                f"dataset.places={dataset.places} identifies places by their order only; "
+            raise ArgumentError(
+                f"places={dataset.places} identifies places by their order only; "
                 "task=localization needs x, y and heading of every image",
-                "dataset.places=csv with tables file,x,y,heading, or dataset=pose_folder",
+                "places=csv with tables file,x,y,heading, or dataset=pose_folder",
             )
 
     def conditions(self) -> tuple[str, ...]:
@@ -126,7 +126,7 @@ class PlaceFolderDrives:
             notes += val.skipped
             return LocalizationData(first, late, early, validation_map, "m", "town", other_maps=late, notes=notes)
         if short := [drive.name for drive in drives if len(drive) < 2]:
-            raise UserError(f"dataset.test: {short[0]} has only one image, too few to localize", "Add images.")
+            raise ArgumentError(f"test: {short[0]} has only one image, too few to localize", "Add images.")
         early, late = first_share(drives, self.settings.share(VALIDATION_SHARE))
         return LocalizationData(first, late, early, None, "m", "town", other_maps=tuple(drives), notes=notes)
 
@@ -161,10 +161,9 @@ class PlaceFolderDrives:
 
 def _several(conditions: tuple[str, ...]) -> tuple[str, ...]:
     if len(conditions) < 2:
-        raise UserError(
+        raise ArgumentError(
             f"{list(conditions)}: the first condition is the map's, which leaves none to localize",
-            "Give at least two, such as dataset.conditions=[summer,winter] or "
-            "dataset.test='{reference: reference, query: query}'",
+            "Give at least two, such as conditions=[summer,winter] or test='{reference: reference, query: query}'",
         )
     return conditions
 

@@ -7,7 +7,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.data.places.problem_list import problem_list
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 #: the two axes of the world that the robot moves along
 Plane = Literal["xy", "xz", "yz"]
@@ -43,11 +43,11 @@ def to_plane(
     wrong = np.flatnonzero(steep > STEEPEST_DEG)
     if len(wrong):
         listed = problem_list([f"pose {i + 1}: {steep[i]:.0f} degrees" for i in wrong.tolist()])
-        raise UserError(
+        raise ArgumentError(
             f"{what}: the {ahead} axis of {len(wrong):,} of {len(axis):,} poses looks nearly perpendicular to the "
             f"plane {plane}, so its heading is unknown\n{listed}",
-            "Name the plane that the camera moves in (dataset.plane=xz where y is down, as in KITTI; xy where z is "
-            "up), and the axis\nof the poses that looks ahead (dataset.ahead=z for a camera, x for a robot).",
+            "Name the plane that the camera moves in (plane=xz where y is down, as in KITTI; xy where z is "
+            "up), and the axis\nof the poses that looks ahead (ahead=z for a camera, x for a robot).",
         )
     position = world_from_body[:, :3, 3]
     return np.column_stack([position[:, u], position[:, v], np.arctan2(axis[:, v], axis[:, u])])

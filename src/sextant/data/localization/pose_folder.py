@@ -24,7 +24,7 @@ from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.pose_files import table_poses
 from sextant.data.places.problem_list import problem_list
 from sextant.data.source import MissingDataError, file_sha256, first_folder
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.worlds.trajectories import load_kitti_poses
 
 PoseFormat = Literal["csv", "tum", "kitti"]
@@ -116,16 +116,14 @@ class PoseFolder:
         )
         for key, value, allowed in choices:
             if value not in allowed:
-                raise UserError(
-                    f"dataset.{key}={value!r} must be one of {', '.join(allowed)}", f"dataset.{key}={allowed[0]}"
-                )
+                raise ArgumentError(f"{key}={value!r} must be one of {', '.join(allowed)}", f"{key}={allowed[0]}")
         if len(mounting) != 3 or not np.isfinite(mounting).all():
-            raise UserError(
-                f"dataset.mounting={list(mounting)} must be metres ahead, metres to the left, degrees to the left",
-                "dataset.mounting=[0,0,0] if the poses are those of the camera",
+            raise ArgumentError(
+                f"mounting={list(mounting)} must be metres ahead, metres to the left, degrees to the left",
+                "mounting=[0,0,0] if the poses are those of the camera",
             )
         if max_gap_s is not None and not max_gap_s > 0:
-            raise UserError(f"dataset.max_gap_s={max_gap_s:g} must be positive, or null", "dataset.max_gap_s=5")
+            raise ArgumentError(f"max_gap_s={max_gap_s:g} must be positive, or null", "max_gap_s=5")
         self.poses, self.pose_file, self.odometry, self.times = poses, pose_file or FILES[poses], odometry, times
         self.plane, self.ahead, self.protocol, self.max_gap_s = plane, ahead, protocol, max_gap_s
         x, y, yaw = (float(value) for value in mounting)
@@ -151,9 +149,9 @@ class PoseFolder:
         """The first of the places looked in that is a folder."""
         return first_folder(
             self.looked,
-            "dataset.folder",
-            "Give the folder around the drives: dataset.folder=/path/to/drives dataset.map=map "
-            "dataset.test='{run: run}'. Without images of your own: dataset=office_walk",
+            "folder",
+            "Give the folder around the drives: folder=/path/to/drives map=map "
+            "test='{run: run}'. Without images of your own: dataset=office_walk",
         )
 
     def conditions(self) -> tuple[str, ...]:
@@ -169,7 +167,7 @@ class PoseFolder:
         images = self._images()
         found: list[Path] = []
         for name, folder in self.folders[split].items():
-            found += [*images[name], *self._tables(self.folder / folder, f"dataset.{split}.{name}", split)]
+            found += [*images[name], *self._tables(self.folder / folder, f"{split}.{name}", split)]
         return found
 
     def fingerprint(self) -> str:
@@ -193,18 +191,18 @@ class PoseFolder:
             for name, folder in folders.items():
                 drives[split].append(self._drive(split, name, self.folder / folder, images[name], notes))
         if self.odometry is None:
-            notes.append("dataset.odometry=null: nothing is known about motion between images")
+            notes.append("odometry=null: nothing is known about motion between images")
         (first,), test, validation = drives["map"], tuple(drives["test"]), tuple(drives["validation"])
         if not validation:
             if short := [drive.name for drive in test if len(drive) < 2]:
-                raise UserError(f"dataset.test.{short[0]} has only one image, too few to localize", "Add images.")
+                raise ArgumentError(f"test.{short[0]} has only one image, too few to localize", "Add images.")
             validation, test = first_share(test, self.settings.share(VALIDATION_SHARE))
         return LocalizationData(first, test, validation, None, "m", self.protocol, notes=tuple(notes))
 
     def _images(self) -> dict[str, list[Path]]:
         """The images of all drives, which have none in common."""
         all_folders = {name: self.folder / path for part in self.folders.values() for name, path in part.items()}
-        return traverse_files(all_folders, "dataset")
+        return traverse_files(all_folders, "")
 
     def _tables(self, folder: Path, key: str, split: Split) -> list[Path]:
         """The files beside the images of a drive."""
@@ -218,12 +216,12 @@ class PoseFolder:
                 what = "poses" if name == self.pose_file else "odometry" if name == self.odometry else "times"
                 raise MissingDataError(
                     f"{key}: {folder} has no {what}, the file {name}",
-                    f"Put it there, or give its name: dataset.{'pose_file' if what == 'poses' else what}=<name>",
+                    f"Put it there, or give its name: {'pose_file' if what == 'poses' else what}=<name>",
                 )
         return [folder / name for name in wanted]
 
     def _drive(self, split: Split, name: str, folder: Path, paths: list[Path], notes: list[str]) -> Drive:
-        key = f"dataset.{split}" if split == "map" else f"dataset.{split}.{name.removeprefix('validation/')}"
+        key = f"{split}" if split == "map" else f"{split}.{name.removeprefix('validation/')}"
         frames = self._frames(split, folder, paths, key)
         what = f"{name} images of dataset={self.name}"
         decoded = read_images(paths, self.size, self.cache, what=what, skip_bad=self.skip_bad)
@@ -271,9 +269,9 @@ class PoseFolder:
             return times_of_file(folder / self.times, len(paths))
         times = times_of_names(paths)
         if times is None:
-            raise UserError(
-                f"{key}: dataset.times=names, but some image names contain no time, such as {paths[0].name}",
-                "Names such as 1305031102.175304.png, or dataset.times=order, or a file with one line per image.",
+            raise ArgumentError(
+                f"{key}: times=names, but some image names contain no time, such as {paths[0].name}",
+                "Names such as 1305031102.175304.png, or times=order, or a file with one line per image.",
             )
         return times
 
@@ -293,10 +291,10 @@ class PoseFolder:
                 names = [path.name for path in paths]
                 poses, told = poses_at(told, poses, times, names, self.max_gap_s, f"{key}, {file.name}"), times
         if len(poses) != len(paths):
-            raise UserError(
+            raise ArgumentError(
                 f"{key}: {file.name} has {len(poses):,} poses for {len(paths):,} images, "
                 f"{paths[0].name} to {paths[-1].name}; without times they must be the same frames",
-                "Remove what has no partner, or give the times of TUM poses: dataset.times=names or a file.",
+                "Remove what has no partner, or give the times of TUM poses: times=names or a file.",
             )
         return compose(poses, np.repeat(self.mounting, len(poses), axis=0)), told
 
@@ -304,7 +302,7 @@ class PoseFolder:
         rows = table_poses(paths, folder, file, key)
         without = [path.name for path, row in zip(paths, rows, strict=True) if row.heading_deg is None]
         if without:
-            raise UserError(
+            raise ArgumentError(
                 f"{key}: {file} has no column heading, which {len(without):,} images need",
                 "file,x,y,heading\nfirst.jpg,12.5,-3.0,90    (degrees counter-clockwise from x)",
             )
@@ -316,9 +314,9 @@ class PoseFolder:
         double = np.flatnonzero(first[which.ravel()] != np.arange(len(poses)))
         named = [f"{paths[i].name} = {paths[first[which.ravel()[i]]].name}" for i in double.tolist()]
         if named and not self.skip_bad:
-            raise UserError(
+            raise ArgumentError(
                 f"{key}: {len(named):,} of {len(poses):,} images have the same pose as another\n{problem_list(named)}",
-                "Remove one of each (is a pose repeated for frames without one?), or skip them: dataset.skip_bad=true",
+                "Remove one of each (is a pose repeated for frames without one?), or skip them: skip_bad=true",
             )
         notes += [f"left out {name}" for name in named]
         return np.sort(first)

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.data.places.problem_list import problem_list
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 #: an image this near to a pose in time has that pose
 SAME_S = 1e-3
@@ -51,7 +51,7 @@ def check_rising(times_s: Float64[ndarray, "n"], names: Sequence[str], key: str)
     back = np.flatnonzero(np.diff(times_s) <= 0)
     if len(back):
         i = int(back[0])
-        raise UserError(
+        raise ArgumentError(
             f"{key}: images are out of order: {names[i + 1]} at {times_s[i + 1]:.6f} s comes after {names[i]} at "
             f"{times_s[i]:.6f} s ({len(back):,} such pairs)",
             "Images are read in the natural order of their names: rename them in the order they were taken, or correct "
@@ -65,9 +65,9 @@ def check_gaps(times_s: Float64[ndarray, "n"], names: Sequence[str], max_gap_s: 
     wide = np.flatnonzero(gap > max_gap_s).tolist()
     if wide:
         listed = problem_list([f"{names[i]} to {names[i + 1]}: {gap[i]:.3f} s" for i in wide])
-        raise UserError(
-            f"{key}: {len(wide):,} gaps in time above dataset.max_gap_s={max_gap_s:g}\n{listed}",
-            "Split it into two drives, or allow such gaps: dataset.max_gap_s=<seconds>, or null for any.",
+        raise ArgumentError(
+            f"{key}: {len(wide):,} gaps in time above max_gap_s={max_gap_s:g}\n{listed}",
+            "Split it into two drives, or allow such gaps: max_gap_s=<seconds>, or null for any.",
         )
 
 
@@ -101,10 +101,10 @@ def poses_at(
     wrong = np.flatnonzero((outside | wide) & (nearest > SAME_S)).tolist()
     if wrong:
         listed = problem_list([f"{names[i]} at {wanted_s[i]:.6f} s: nearest is {nearest[i]:.3f} s off" for i in wrong])
-        raise UserError(
+        raise ArgumentError(
             f"{key}: {len(wrong):,} of {len(names):,} images have no pose at their time "
-            f"({times_s[0]:.6f} s to {times_s[-1]:.6f} s, gaps up to dataset.max_gap_s={max_gap_s})\n{listed}",
-            "Remove these images, complete the trajectory, or allow wider gaps: dataset.max_gap_s=<seconds>",
+            f"({times_s[0]:.6f} s to {times_s[-1]:.6f} s, gaps up to max_gap_s={max_gap_s})\n{listed}",
+            "Remove these images, complete the trajectory, or allow wider gaps: max_gap_s=<seconds>",
         )
     x, y = (np.interp(wanted_s, times_s, poses[:, k]) for k in (0, 1))
     heading = np.interp(wanted_s, times_s, np.unwrap(poses[:, 2]))

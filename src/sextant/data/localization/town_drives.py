@@ -12,7 +12,7 @@ from sextant.data.localization.simulated_odometry import CAR_WHEELS, simulated_m
 from sextant.data.places import ImageRows
 from sextant.data.rendered import RenderedSource
 from sextant.data.rendered.splits import RenderedSplit
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 #: of each drive through the city
 VALIDATION_SHARE = 0.2
@@ -61,9 +61,9 @@ class TownSeasonsDrives(_TownSource):
         """
         conditions = self.conditions()
         if len(conditions) < 2:
-            raise UserError(
-                f"dataset.conditions={list(conditions)}: the first is the map's, which leaves none to localize",
-                "dataset.conditions=[summer_noon,winter_noon]",
+            raise ArgumentError(
+                f"conditions={list(conditions)}: the first is the map's, which leaves none to localize",
+                "conditions=[summer_noon,winter_noon]",
             )
         first, *test = self._town("test", conditions)
         validation_map, *validation = self._town("val", conditions)
@@ -72,7 +72,7 @@ class TownSeasonsDrives(_TownSource):
         )
 
     def _town(self, split: str, conditions: tuple[str, ...]) -> list[Drive]:
-        found = self.read_split(split, f"dataset.frames.{split}=300")
+        found = self.read_split(split, f"frames.{split}=300")
         drives = []
         for number, condition in enumerate(conditions):
             rows = np.flatnonzero(found.columns["condition"] == number)
@@ -89,8 +89,8 @@ class TownCityDrives(_TownSource):
 
     def read(self) -> LocalizationData:
         """All drives, rendered first if need be; pictures stay in the file they lie in."""
-        mapped = self.read_split("map", "dataset.images=172000")
-        queries = self.read_split("query", "dataset.query_frames=1000")
+        mapped = self.read_split("map", "images=172000")
+        queries = self.read_split("query", "query_frames=1000")
         conditions = self.conditions()
         whole = np.arange(len(mapped.rows))
         drives = [
@@ -99,8 +99,8 @@ class TownCityDrives(_TownSource):
         ]
         if min(len(drive) for drive in drives) < 2:
             frames = self.dataset.plan().config["query_frames"]
-            raise UserError(
-                f"dataset.query_frames={frames} leaves none for validation or for the test", "dataset.query_frames=1000"
+            raise ArgumentError(
+                f"query_frames={frames} leaves none for validation or for the test", "query_frames=1000"
             )
         validation, test = first_share(drives, self.settings.share(VALIDATION_SHARE))
         first = self._drive(mapped, whole, "map", conditions[0], moving=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 from sextant.data.places.image_files import images_below, natural_key
 from sextant.data.places.problem_list import problem_list
 from sextant.data.source import MissingDataError
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 
 @dataclass(frozen=True)
@@ -30,29 +30,30 @@ def traverse_files(traverses: Mapping[str, Path], key: str) -> dict[str, list[Pa
 
     Args:
         traverses: folder by name.
-        key: of the config, for messages: ``dataset.test``.
+        key: the argument that named them, for messages: ``test``; empty if each traverse is an argument of its own.
 
     Raises:
         MissingDataError: a folder does not exist, or has no images.
         UserError: two traverses have one folder, or one lies in the other.
     """
     resolved = {name: folder.resolve() for name, folder in traverses.items()}
+    within = f"{key}." if key else ""
     for name, folder in resolved.items():
         if not folder.is_dir():
             raise MissingDataError(
-                f"{key}.{name}={traverses[name]}: no such folder", f"Give a folder of images: {key}.{name}=<folder>"
+                f"{within}{name}={traverses[name]}: no such folder", f"Give a folder of images: {within}{name}=<folder>"
             )
         for other, around in resolved.items():
             if other != name and (folder == around or around in folder.parents):
-                raise UserError(
-                    f"{key}.{name}={traverses[name]} and {key}.{other}={traverses[other]} have the same files",
+                raise ArgumentError(
+                    f"{within}{name}={traverses[name]} and {within}{other}={traverses[other]} have the same files",
                     "Each traverse needs its own folder.",
                 )
     files = {name: images_below(folder) for name, folder in resolved.items()}
     for name, paths in files.items():
         if not paths:
             raise MissingDataError(
-                f"{key}.{name}={traverses[name]} holds no images",
+                f"{within}{name}={traverses[name]} holds no images",
                 "Images are .jpg, .png, .tif, .webp, .bmp, .ppm, .avif.",
             )
     return files
@@ -78,7 +79,7 @@ def align_by_name(
         for path in paths:
             stem = path.relative_to(root).with_suffix("").as_posix()
             if stem in own:
-                raise UserError(
+                raise ArgumentError(
                     f"{key}: {name} has two frames of the same name: {own[stem].name} and {path.name}",
                     "Remove one of them.",
                 )
@@ -88,10 +89,10 @@ def align_by_name(
     missing = tuple(f"{name}/{stem}" for name, own in named.items() for stem in stems if stem not in own)
     if missing and not skip_missing:
         counts = ", ".join(f"{name} {len(own):,}" for name, own in named.items())
-        raise UserError(
+        raise ArgumentError(
             f"{key}: equal names are equal places, and {len(missing):,} frames lack a partner ({counts} frames)\n"
             f"{problem_list(missing)}",
-            "Add them, or go on without (they are counted): dataset.skip_bad=true",
+            "Add them, or go on without (they are counted): skip_bad=true",
         )
     numbered = {name: {i: own[stem] for i, stem in enumerate(stems) if stem in own} for name, own in named.items()}
     return AlignedRides(numbered, len(stems), missing)
@@ -108,10 +109,9 @@ def align_by_order(files: Mapping[str, Sequence[Path]], key: str) -> AlignedRide
         listed = problem_list(
             [f"{name}: {n:,} images, {files[name][0].name} to {files[name][-1].name}" for name, n in counts.items()]
         )
-        raise UserError(
-            f"{key}: dataset.places=order treats the i-th images of all traverses as one place, "
+        raise ArgumentError(
+            f"{key}: places=order treats the i-th images of all traverses as one place, "
             f"but these differ in length\n{listed}",
-            "Remove what has no partner, or align them by equal names (dataset.places=name) "
-            "or by poses (dataset.places=csv or utm).",
+            "Remove what has no partner, or align them by equal names (places=name) or by poses (places=csv or utm).",
         )
     return AlignedRides({name: dict(enumerate(paths)) for name, paths in files.items()}, max(counts.values()))

@@ -15,7 +15,7 @@ from sextant.data.places.augmentation import PlaceAugmentation
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.nearby import pairs_of
 from sextant.data.places.tolerance import PlaceTolerance
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 #: how many times the places of a batch are looked ahead to find some that are far apart
 LOOKAHEAD = 16
@@ -151,9 +151,10 @@ class PlaceBatches(Sampler[Tensor]):
         self._positives = places.positives(every, every, tolerance)
         self.anchors = self._cover()
         if not len(self.anchors):
-            raise UserError(
+            raise ArgumentError(
                 f"no training image has another within the tolerance of {tolerance.name}: nothing to learn from",
-                f"Widen task.tolerance.{tolerance.unit}.positive, or add traverses of the same places.",
+                f"Add traverses of the same places, or widen it: tolerance.{tolerance.unit}.positive=<more>",
+                of=self,
             )
         self._near = places.not_negatives(self.anchors, self.anchors, tolerance)
 

@@ -91,7 +91,7 @@ class PlaceData(pl.LightningDataModule):
     def _training_batches(self) -> PlaceBatches:
         if self._batches is None:
             places = self._splits["train"]
-            check_headings(places, "train", self.tolerance, "task.tolerance")
+            check_headings(places, "train", self.tolerance, "tolerance")
             self._batches = PlaceBatches(
                 places, self.tolerance, self.batch_places, self.batch_conditions, self.seed, jitter=self.jitter
             )

@@ -23,7 +23,7 @@ from sextant.data.places.problem_list import problem_list
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import file_sha256
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.kept_array import keep_array, open_kept
 
 #: changes when the same files would be decoded into other pixels
@@ -80,9 +80,9 @@ def read_images(
         images, bad = _kept(paths, size, cache, what)
     named = tuple(f"{paths[i].parent.name}/{paths[i].name} {bad[i]}" for i in sorted(bad))
     if bad and not skip_bad:
-        raise UserError(
+        raise ArgumentError(
             f"{what}: {len(bad)} of {len(paths):,} cannot be read\n{problem_list(named)}",
-            "Replace them, or leave them out (they are counted): dataset.skip_bad=true",
+            "Replace them, or leave them out (they are counted): skip_bad=true",
         )
     kept = np.array([i for i in range(len(paths)) if i not in bad], np.int64)
     if not len(kept):

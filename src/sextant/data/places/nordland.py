@@ -19,7 +19,7 @@ from sextant.data.places.images import PlaceImages
 from sextant.data.places.split import SPLITS, Split
 from sextant.data.places.splits import FrameRanges
 from sextant.data.source import MissingDataError, file_sha256, first_folder
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 
 class Nordland:
@@ -58,9 +58,9 @@ class Nordland:
     ):
         self.seasons = tuple(conditions)
         if not conditions or len(set(conditions)) < len(conditions):
-            raise UserError(
-                f"dataset.conditions={list(conditions)} must name folders, each once",
-                "dataset.conditions='[summer,winter]'",
+            raise ArgumentError(
+                f"conditions={list(conditions)} must name folders, each once",
+                "conditions='[summer,winter]'",
             )
         default = {"train": (0, 1600), "val": (1600, 1650), "test": (1650, 2400)}
         self.ranges = FrameRanges.of(frames or default)
@@ -91,7 +91,7 @@ class Nordland:
         absent = [name for name in self.seasons if name not in there]
         if absent:
             raise MissingDataError(
-                f"dataset.conditions={list(self.seasons)}: {self.folder} has no folder {', '.join(absent)}; "
+                f"conditions={list(self.seasons)}: {self.folder} has no folder {', '.join(absent)}; "
                 f"it has {', '.join(there) or 'none'}",
                 "Name folders that are there, or add the frames of that season.",
             )
@@ -147,9 +147,9 @@ class Nordland:
         traverse, frame = np.array([(t, i) for t, i, _ in kept], np.int64).reshape(-1, 2).T
         for k, name in enumerate(self.seasons):
             if not np.any(traverse == k):
-                raise UserError(
+                raise ArgumentError(
                     f"dataset={self.name}: {name} has no {split} frame that can be read",
-                    f"Add frames, or choose others: dataset.frames.{split}",
+                    f"Add frames, or choose others: frames.{split}=[first,after]",
                 )
         lacking = tuple(f"{name} is missing" for name in self.rides.missing)
         return PlaceImages(

@@ -17,7 +17,7 @@ from sextant.data.places.pose_files import Pose, table_poses, utm_poses
 from sextant.data.places.problem_list import problem_list
 from sextant.data.places.split import SPLITS, Split
 from sextant.data.source import MissingDataError, file_sha256, first_folder
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 Places = Literal["csv", "utm", "order", "name"]
 PLACES: tuple[Places, ...] = get_args(Places)
@@ -82,7 +82,7 @@ class PlaceFolders:
         roots: Sequence[Path | str] = (),
     ):
         if places not in PLACES:
-            raise UserError(f"dataset.places={places!r} must be one of {', '.join(PLACES)}", "dataset.places=order")
+            raise ArgumentError(f"places={places!r} must be one of {', '.join(PLACES)}", "places=order")
         self.places, self.csv = places, csv
         self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
         self.cache = Path(roots[-1]) if roots else None
@@ -103,9 +103,9 @@ class PlaceFolders:
         """The first of the places looked in that is a folder."""
         return first_folder(
             self.looked,
-            "dataset.folder",
-            "Give the folder around the traverses: dataset.folder=/path/to/places "
-            "dataset.test='{reference: first, query: second}'. Without images of your own: dataset=town_seasons",
+            "folder",
+            "Give the folder around the traverses: folder=/path/to/places "
+            "test='{reference: first, query: second}'. Without images of your own: dataset=town_seasons",
         )
 
     def conditions(self, split: Split) -> tuple[str, ...]:
@@ -156,7 +156,7 @@ class PlaceFolders:
         traverse = np.array([entry.traverse for entry in kept], np.int64)
         for k, name in enumerate(conditions):
             if not np.any(traverse == k):
-                raise UserError(f"dataset.{split}.{name}: none of its images can be read", "Replace them.")
+                raise ArgumentError(f"{split}.{name}: none of its images can be read", "Replace them.")
         position, heading = _columns([entry.pose for entry in kept if entry.pose is not None])
         return PlaceImages(
             decoded.images,
@@ -180,23 +180,23 @@ class PlaceFolders:
         chosen = self.splits[split]
         if not chosen:
             raise MissingDataError(
-                f"dataset.{split} is null: dataset={self.name} has no {split} images",
-                f"Name a folder for each traverse: dataset.{split}='{{reference: <folder>, query: <folder>}}'",
+                f"{split} is null: dataset={self.name} has no {split} images",
+                f"Name a folder for each traverse: {split}='{{reference: <folder>, query: <folder>}}'",
             )
         traverses = {name: self.folder / folder for name, folder in chosen.items()}
         others = [(other, name, folder) for other in SPLITS for name, folder in (self.splits[other] or {}).items()]
         for own, path in traverses.items():
             for other, name, folder in others:
                 if other != split and _overlap(path.resolve(), (self.folder / folder).resolve()):
-                    raise UserError(
-                        f"dataset.{split}.{own}={chosen[own]} and dataset.{other}.{name}={folder} have files in common",
+                    raise ArgumentError(
+                        f"{split}.{own}={chosen[own]} and {other}.{name}={folder} have files in common",
                         "Splits must share no place: give each its own folders.",
                     )
         return traverses
 
     def _aligned(self, split: Split) -> tuple[list[_Entry], tuple[str, ...]]:
         """Images with their frames, not yet placed; and the frames that are missing."""
-        traverses, key = self._traverses(split), f"dataset.{split}"
+        traverses, key = self._traverses(split), split
         files = traverse_files(traverses, key)
         if self.places == "name":
             rides = align_by_name(files, traverses, key, skip_missing=self.skip_bad)
@@ -214,7 +214,7 @@ class PlaceFolders:
             return entries, missing
         placed: list[_Entry] = []
         for t, (name, folder) in enumerate(self._traverses(split).items()):
-            own, key = [entry for entry in entries if entry.traverse == t], f"dataset.{split}.{name}"
+            own, key = [entry for entry in entries if entry.traverse == t], f"{split}.{name}"
             paths = [entry.path for entry in own]
             poses = (
                 utm_poses(paths, key)
@@ -239,9 +239,9 @@ class PlaceFolders:
             else:
                 first[digest] = path
         if double:
-            raise UserError(
-                f"dataset.{split}: {len(double):,} files are duplicates of another\n{problem_list(double)}",
-                "Remove one of each pair, or, if that is meant, dataset.allow_duplicates=true",
+            raise ArgumentError(
+                f"{split}: {len(double):,} files are duplicates of another\n{problem_list(double)}",
+                "Remove one of each pair, or, if that is meant, allow_duplicates=true",
             )
 
     def _told(self, path: Path) -> str:
@@ -256,8 +256,8 @@ class PlaceFolders:
                 return path
         raise MissingDataError(
             f"{key}: neither {folder} nor {self.folder} has a table {self.csv}",
-            "Write one with the columns file,x,y or file,x,y,heading, give its name (dataset.csv=...), "
-            "or choose another dataset.places: utm, name, order.",
+            "Write one with the columns file,x,y or file,x,y,heading, give its name (csv=...), "
+            "or other places: places=utm, name or order.",
         )
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sextant.data.places.problem_list import problem_list
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 COLUMNS = ("file", "x", "y", "heading")
 EAST, NORTH, ZONE, LETTER, HEADING = 1, 2, 3, 4, 9
@@ -130,9 +130,9 @@ def utm_poses(paths: Sequence[Path], key: str) -> list[Pose]:
     poses = [parse_utm_name(path.name) for path in paths]
     wrong = [path.name for path, pose in zip(paths, poses, strict=True) if pose is None]
     if wrong:
-        raise UserError(
+        raise ArgumentError(
             f"{key}: {len(wrong):,} of {len(paths):,} names contain no pose\n{problem_list(wrong)}",
-            "dataset.places=utm needs names such as @0548939.41@4179162.31@10@S@@@@@180@@@@@@.jpg: easting, northing "
+            "places=utm needs names such as @0548939.41@4179162.31@10@S@@@@@180@@@@@@.jpg: easting, northing "
             "in metres,\nzone number, zone letter, latitude, longitude, pano_id, tile, heading, pitch, roll, height, "
             "time, note; all after northing may be empty.",
         )
@@ -156,14 +156,14 @@ def table_poses(paths: Sequence[Path], folder: Path, table: Path, key: str) -> l
     names = [(inside / path.relative_to(root)).as_posix() for path in paths]
     unplaced = [name for name in names if name not in poses]
     if unplaced:
-        raise UserError(
+        raise ArgumentError(
             f"{key}: {len(unplaced):,} of {len(names):,} images have no row in {table}\n{problem_list(unplaced)}",
             "Add rows of file,x,y, with paths relative to the table's folder, or remove these images.",
         )
     own = [name for name in poses if inside == Path() or name.startswith(f"{inside.as_posix()}/")]
     absent = sorted(name for name in set(own) - set(names) if not (table.parent / name).is_file())
     if absent:
-        raise UserError(
+        raise ArgumentError(
             f"{key}: {len(absent):,} rows of {table} have no image\n{problem_list(absent)}",
             "Add these images, or remove their rows.",
         )

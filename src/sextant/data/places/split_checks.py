@@ -6,7 +6,10 @@ from sextant.data.places.batches import PlaceBatches
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.problem_list import problem_list
 from sextant.data.places.tolerance import PlaceTolerance
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
+
+#: the part that the arguments are of
+PARENT = "PlaceDataModule"
 
 
 def check_headings(images: PlaceImages, split: str, tolerance: PlaceTolerance, key: str) -> None:
@@ -16,16 +19,17 @@ def check_headings(images: PlaceImages, split: str, tolerance: PlaceTolerance, k
         images: of the split.
         split: its name.
         tolerance: of one place.
-        key: of the config that gives the tolerance.
+        key: the argument that gives the tolerance.
     """
     if tolerance.heading_deg is None:
         return
     unknown = np.arange(len(images)) if images.heading_deg is None else np.flatnonzero(np.isnan(images.heading_deg))
     if len(unknown):
-        raise UserError(
+        raise ArgumentError(
             f"{key}.{tolerance.unit}.heading_deg={tolerance.heading_deg:g}, but {len(unknown):,} of {len(images):,} "
             f"{split} images have no heading\n{problem_list([images.names[row] for row in unknown])}",
             f"Give each a heading, or ignore headings: {key}.{tolerance.unit}.heading_deg=null",
+            of=PARENT,
         )
 
 
@@ -39,21 +43,24 @@ def check_search(images: PlaceImages, split: str, tolerance: PlaceTolerance) -> 
         split: its name.
         tolerance: of one place in validation and test.
     """
-    key = "task.test_tolerance"
+    key = "test_tolerance"
     check_headings(images, split, tolerance, key)
     reference, *queries = images.conditions
     if not queries:
-        setting = "task.test_conditions" if split == "test" else "task.train_conditions"
-        raise UserError(
+        setting = "test_conditions" if split == "test" else "train_conditions"
+        raise ArgumentError(
             f"the {split} split has one condition, {reference}: the first is the map, and others are looked up in it",
-            f"Name at least two in dataset.{split} (or dataset.conditions), and in {setting} unless it is null.",
+            f"Name at least two in the dataset (`{split}` or `conditions`), and in `{setting}` unless it is null.",
+            of=PARENT,
         )
     rows = np.concatenate([images.rows_of(condition) for condition in queries])
     if not images.positives(rows, images.rows_of(reference), tolerance).nnz:
-        raise UserError(
+        raise ArgumentError(
             f"none of {len(rows):,} {split} images of {', '.join(queries)} has its place among the images of "
             f"{reference}, within {tolerance.name}",
-            f"Widen {key}.{tolerance.unit}.positive, or check the poses: both must be in the same frame, in metres.",
+            "Check the poses: both must be in the same frame, in metres. Or widen the tolerance: "
+            f"{key}.{tolerance.unit}.positive=<more>",
+            of=PARENT,
         )
 
 
@@ -61,7 +68,8 @@ def check_training(batches: PlaceBatches) -> None:
     """Raise a ``UserError`` if there are fewer places to learn from than a batch shall have."""
     there = len(batches.anchors)
     if batches.batch_places > there:
-        raise UserError(
-            f"task.batch_places={batches.batch_places}, but the training split has {there:,} places seen twice or more",
-            f"task.batch_places={there} at most, or add images.",
+        raise ArgumentError(
+            f"batch_places={batches.batch_places}, but the training split has {there:,} places seen twice or more",
+            f"batch_places={there} at most, or add images.",
+            of=batches,
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.source import PlaceSource
 from sextant.data.places.split import SPLITS, Split
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class FrameRanges:
             start, stop = getattr(self, split)
             end = float("inf") if stop is None else stop
             if start < 0 or end <= start:
-                raise UserError(
-                    f"dataset.frames.{split}=[{start}, {stop}] must be a first frame, 0 or more, and a frame after it",
-                    f"dataset.frames.{split}='[{max(0, start)}, {max(0, start) + 100}]'",
+                raise ArgumentError(
+                    f"frames.{split}=[{start}, {stop}] must be a first frame, 0 or more, and a frame after it",
+                    f"frames.{split}='[{max(0, start)}, {max(0, start) + 100}]'",
                 )
             for other, (first, last) in taken.items():
                 if start < last and first < end:
-                    raise UserError(
-                        f"dataset.frames.{split}=[{start}, {stop}] and dataset.frames.{other} share frames",
+                    raise ArgumentError(
+                        f"frames.{split}=[{start}, {stop}] and frames.{other} share frames",
                         "Splits must share no place. The second number of a range is the frame after its last.",
                     )
             taken[split] = (start, end)
@@ -56,8 +56,8 @@ class FrameRanges:
             UserError: a split is missing or not of two numbers.
         """
         if set(ranges) != set(SPLITS) or any(len(entry) != 2 or entry[0] is None for entry in ranges.values()):
-            raise UserError(
-                f"dataset.frames={dict(ranges)} must give two numbers for each of {', '.join(SPLITS)}",
+            raise ArgumentError(
+                f"frames={dict(ranges)} must give two numbers for each of {', '.join(SPLITS)}",
                 "For example frames: {train: [0, 1600], val: [1600, 1650], test: [1650, 2400]}",
             )
         return cls(**{split: (int(entry[0] or 0), entry[1]) for split, entry in ranges.items()})
@@ -70,8 +70,8 @@ class FrameRanges:
         """
         start, stop = getattr(self, split)
         if start >= count or (stop is not None and stop > count):
-            raise UserError(
-                f"dataset.frames.{split}=[{start}, {stop}]: there are {count:,} frames, numbered from 0",
+            raise ArgumentError(
+                f"frames.{split}=[{start}, {stop}]: there are {count:,} frames, numbered from 0",
                 f"The second number may be at most {count}; null takes all that follow.",
             )
         return range(start, count if stop is None else stop)
@@ -97,15 +97,17 @@ class ConditionSplit:
     def __post_init__(self) -> None:
         for key, names in (("train", self.train), ("test", self.test)):
             if names is not None and (not names or len(set(names)) < len(names)):
-                raise UserError(
-                    f"task.{key}_conditions={list(names)} must name conditions, each once, or be null for all",
-                    f"task.{key}_conditions=null",
+                raise ArgumentError(
+                    f"{key}_conditions={list(names)} must name conditions, each once, or be null for all",
+                    f"{key}_conditions=null",
+                    of=self,
                 )
         both = set(self.train or ()) & set(self.test or ()) - set(self.shared)
         if both:
-            raise UserError(
-                f"task.train_conditions and task.test_conditions share {', '.join(sorted(both))}",
-                f"Remove it from one of them, or name the map's condition: task.shared_conditions=[{min(both)}]",
+            raise ArgumentError(
+                f"train_conditions and test_conditions share {', '.join(sorted(both))}",
+                f"Remove it from one of them, or name the map's condition: shared_conditions=[{min(both)}]",
+                of=self,
             )
 
     def of_split(self, split: Split) -> tuple[str, ...] | None:
@@ -137,7 +139,7 @@ class ConditionSplitSource:
         absent = [name for name in chosen if name not in there]
         if absent:
             key = "task.test_conditions" if split == "test" else "task.train_conditions"
-            raise UserError(
+            raise ArgumentError(
                 f"{key}={list(chosen)}: the {split} split of dataset={self.name} has no {', '.join(absent)}; "
                 f"it has {', '.join(there)}",
                 "Choose from these, the map's first, or null for all.",

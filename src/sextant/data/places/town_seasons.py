@@ -25,7 +25,7 @@ class TownSeasonsSource(RenderedSource):
 
     def read(self, split: Split) -> PlaceImages:
         """The images of a split, in a map of the file they lie in, with positions and headings."""
-        found = self.read_split(split, f"dataset.frames.{split}=300")
+        found = self.read_split(split, f"frames.{split}=300")
         traverse, frame = (found.columns[name].astype(np.int64) for name in ("condition", "place"))
         conditions = tuple(found.facts["conditions"])
         pose = found.columns["pose"]

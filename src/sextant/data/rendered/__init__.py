@@ -1,6 +1,5 @@
 """Rendered datasets: a plan says what to render, a store keeps it on disk, chunk by chunk."""
 
-from sextant.data.rendered.lock import notify_stderr
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import ArraySpec, RenderPlan
 from sextant.data.rendered.progress import Progress, Showing, notify_every
@@ -28,7 +27,6 @@ __all__ = [
     "merge_shards",
     "modules_sha256",
     "notify_every",
-    "notify_stderr",
     "open_shard",
     "open_store",
     "read_manifest",

@@ -1,6 +1,6 @@
 """One process at a time writes to a store, on however many hosts."""
 
-import sys
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,11 +11,8 @@ from sextant.lease import Holder, take
 
 Notify = Callable[[str], None]
 POLL_S = 0.2
-
-
-def notify_stderr(message: str) -> None:
-    """Print a message for the user, apart from what the program puts out."""
-    print(message, file=sys.stderr, flush=True)
+#: of this room; its messages are for whoever started the work, and are shown by the commands
+log = logging.getLogger("sextant.data")
 
 
 @contextmanager

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
-from sextant.data.rendered.lock import notify_stderr
+from sextant.data.rendered.lock import log
 
 #: called with the number of items that are done and of all
 Progress = Callable[[int, int], None]
@@ -13,13 +13,13 @@ Showing = Callable[[], AbstractContextManager[Progress]]
 
 
 def notify_every(seconds: float, what: str) -> Progress:
-    """A function that prints how far the work is to the standard error, every so often."""
+    """A function that logs how far the work is, every so often."""
     told = time.monotonic()
 
     def notify(done: int, total: int) -> None:
         nonlocal told
         if time.monotonic() - told > seconds:
             told = time.monotonic()
-            notify_stderr(f"{what}: {done:,}/{total:,} images")
+            log.info("%s: %s/%s images", what, f"{done:,}", f"{total:,}")
 
     return notify

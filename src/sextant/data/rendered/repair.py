@@ -6,12 +6,12 @@ from pathlib import Path
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.journal import Journal
 from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, array_offset
-from sextant.data.rendered.lock import Notify, notify_stderr, store_lock
+from sextant.data.rendered.lock import Notify, log, store_lock
 from sextant.data.rendered.manifest import read_manifest
 from sextant.data.rendered.verify import StoreReport
 
 
-def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notify = notify_stderr) -> None:
+def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notify = log.info) -> None:
     """Drop chunks from a store's journal: the next fill renders these anew. Waits for a process that renders.
 
     Raises:
@@ -25,7 +25,7 @@ def forget_chunks(directory: Path | str, chunks: Iterable[int], *, notify: Notif
         journal.keep({chunk: record for chunk, record in journal.records().items() if chunk not in dropped})
 
 
-def repair_store(report: StoreReport, *, notify: Notify = notify_stderr) -> None:
+def repair_store(report: StoreReport, *, notify: Notify = log.info) -> None:
     """Forget the damaged chunks of a verified store, and clear away damaged files.
 
     If a file is damaged as a whole, the manifest goes too: opening the store with its plan then lays out anew what is

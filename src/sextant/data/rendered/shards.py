@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from sextant.data.rendered.lock import Notify, notify_stderr
+from sextant.data.rendered.lock import Notify, log
 from sextant.data.rendered.plan import RenderPlan
 from sextant.data.rendered.progress import Progress
 from sextant.data.rendered.store import RenderedStore, open_store
@@ -17,7 +17,7 @@ from sextant.errors import ArgumentError, UserError
 
 
 def open_shard(
-    plan: RenderPlan, cache: Path | str, shard: int, shards: int, *, notify: Notify = notify_stderr
+    plan: RenderPlan, cache: Path | str, shard: int, shards: int, *, notify: Notify = log.info
 ) -> RenderedStore:
     """The store of one shard, in a folder of its own below ``cache``.
 
@@ -49,7 +49,7 @@ def merge_shards(
     progress: Progress | None = None,
     *,
     threads: int = 1,
-    notify: Notify = notify_stderr,
+    notify: Notify = log.info,
 ) -> tuple[RenderedStore, int]:
     """Copy what the shards have into the store of the plan; each chunk is compared with its hash on the way.
 

@@ -17,7 +17,7 @@ from sextant.data.rendered.disk import DiskFullError, allocated_bytes, free_byte
 from sextant.data.rendered.indices import Indices, chosen_items
 from sextant.data.rendered.journal import Journal
 from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_array, part_sha256
-from sextant.data.rendered.lock import Notify, notify_stderr, store_lock
+from sextant.data.rendered.lock import Notify, log, store_lock
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import RenderPlan
 from sextant.data.rendered.progress import Progress
@@ -25,7 +25,7 @@ from sextant.data.rendered.rendering import ChunkWriter, written_chunks
 from sextant.errors import UserError
 
 
-def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = notify_stderr) -> "RenderedStore":
+def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = log.info) -> "RenderedStore":
     """The store of a plan below ``cache``; laid out, with nothing rendered, if it is not there yet.
 
     A store that is there is opened without building the plan's world.
@@ -49,7 +49,7 @@ def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = notify_s
     return store
 
 
-def load_store(directory: Path | str, *, notify: Notify = notify_stderr) -> "RenderedStore":
+def load_store(directory: Path | str, *, notify: Notify = log.info) -> "RenderedStore":
     """A store as it lies on disk, without its renderer: what is not rendered cannot be read.
 
     Raises:
@@ -69,7 +69,7 @@ class RenderedStore:
         manifest: what it holds.
     """
 
-    def __init__(self, directory: Path, plan: RenderPlan | None, notify: Notify = notify_stderr):
+    def __init__(self, directory: Path, plan: RenderPlan | None, notify: Notify = log.info):
         self.directory = directory
         self.manifest: Manifest = read_manifest(directory)
         self._plan = plan

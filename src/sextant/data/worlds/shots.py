@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from sextant.data.rendered import ArraySpec, RenderPlan, modules_sha256
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.geometry import Camera, level_camera_pose
 from sextant.worlds.appearance import Appearance, condition, with_factors
 from sextant.worlds.renderer import Rays, Renderer
@@ -254,10 +254,10 @@ def read_conditions(conditions: list[Any]) -> tuple[list[str], list[Appearance]]
             names.append(str(factors.pop("name", None) or "_".join([base, *map(str, factors)])))
             looks.append(with_factors(condition(base), factors))
     if not names:
-        raise UserError("dataset.conditions is empty", "Name at least one, say [summer_noon].")
+        raise ArgumentError("conditions is empty", "Name at least one, say [summer_noon].")
     if len(set(names)) < len(names):
-        raise UserError(
-            f"dataset.conditions has a duplicate name: {names}",
+        raise ArgumentError(
+            f"conditions has a duplicate name: {names}",
             "Give one of them another name: {name: ..., condition: ...}.",
         )
     return names, looks

@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from sextant.data.worlds.shots import SPLITS, Shots, WorldPlan
 from sextant.data.worlds.towns import TownSeasons, TownSeasonsPlan
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.worlds.appearance import condition, with_factors
 
 #: the drive of the map, and the one of all queries: nothing but the factor differs between two queries of a place
@@ -31,7 +31,7 @@ def factor_conditions(base: str, factors: Mapping[str, Sequence[float]]) -> list
         with_factors(look, dict.fromkeys([factor], values[0]))  # there is such a factor
         names = [f"{factor}={value:g}" for value in values]
         if len(set(names)) < len(names):
-            raise UserError(f"dataset.factors.{factor}={list(values)}: each value must occur once, to six digits")
+            raise ArgumentError(f"factors.{factor}={list(values)}: each value must occur once, to six digits")
         own = f"{factor}={getattr(look, factor):g}"
         conditions += [
             {"name": name, "condition": base, factor: value}
@@ -39,13 +39,13 @@ def factor_conditions(base: str, factors: Mapping[str, Sequence[float]]) -> list
             if name != own
         ]
     if len(conditions) == 2:
-        raise UserError(
-            f"dataset.factors={dict(factors)} has no values other than those of {base}, which the map has",
-            "For example 'dataset.factors.fog_per_m=[0.01,0.04]'",
+        raise ArgumentError(
+            f"factors={dict(factors)} has no values other than those of {base}, which the map has",
+            "For example 'factors.fog_per_m=[0.01,0.04]'",
         )
     if len(conditions) > MOST_CONDITIONS:
-        raise UserError(
-            f"dataset.factors has {len(conditions) - 2} values in all; at most {MOST_CONDITIONS - 2} are possible",
+        raise ArgumentError(
+            f"factors has {len(conditions) - 2} values in all; at most {MOST_CONDITIONS - 2} are possible",
             "Render the factors in two datasets.",
         )
     return conditions
@@ -96,10 +96,10 @@ class TownFactors(TownSeasons):
         """What is rendered."""
         for split, places in self.config["places"].items():
             if places > self.config["frames"][split]:
-                raise UserError(
-                    f"dataset.places.{split}={places} is more than dataset.frames.{split}="
+                raise ArgumentError(
+                    f"places.{split}={places} is more than frames.{split}="
                     f"{self.config['frames'][split]}, the frames of that drive",
-                    f"dataset.places.{split}={self.config['frames'][split]}",
+                    f"places.{split}={self.config['frames'][split]}",
                 )
         factors = self._chosen()
         conditions = factor_conditions(self.config["base"], factors)
@@ -109,8 +109,8 @@ class TownFactors(TownSeasons):
     def _chosen(self) -> dict[str, list[float]]:
         factors, only = self.config["factors"], self.config["only"]
         if unknown := sorted(set(only or ()) - set(factors)):
-            raise UserError(
-                f"dataset.only names {', '.join(unknown)}, which have no values in dataset.factors",
-                f"Choose among {', '.join(factors)}, or give values: +dataset.factors.{unknown[0]}=[...]",
+            raise ArgumentError(
+                f"only names {', '.join(unknown)}, which have no values in factors",
+                f"Choose among {', '.join(factors)}, or give values: +factors.{unknown[0]}=[...]",
             )
         return {name: list(values) for name, values in factors.items() if only is None or name in only}

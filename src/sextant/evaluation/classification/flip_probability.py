@@ -29,8 +29,6 @@ BENCHMARK_PERTURBATIONS = (
     "tilt",
     "scale",
 )
-#: the four that its authors kept for validation
-EXTRA_PERTURBATIONS = ("speckle_noise", "gaussian_blur", "spatter", "shear")
 
 
 def is_noise(perturbation: str) -> bool:

@@ -69,23 +69,6 @@ def pose_errors(truth: Float[ndarray, "*n 3"], estimate: Float[ndarray, "*n 3"])
     return np.asarray(difference)
 
 
-def pose_moments(
-    poses: Float[ndarray, "*n p 3"], log_weights: Float[ndarray, "*n p"]
-) -> tuple[Float[ndarray, "*n 3"], Float[ndarray, "*n 3 3"]]:
-    """Mean and covariance of weighted particles; the mean heading is the direction of the mean unit vector.
-
-    Args:
-        poses: of the particles.
-        log_weights: up to a constant.
-    """
-    weights = np.exp(log_weights - logsumexp(log_weights, axis=-1, keepdims=True))
-    mean = (weights[..., None] * poses).sum(axis=-2)
-    across, along = (weights * part(poses[..., 2]) for part in (np.sin, np.cos))
-    mean[..., 2] = np.arctan2(across.sum(axis=-1), along.sum(axis=-1))
-    errors = pose_errors(poses, np.broadcast_to(mean[..., None, :], poses.shape))
-    return mean, np.einsum("...p,...pi,...pj->...ij", weights, errors, errors)
-
-
 def nees(
     truth: Float[ndarray, "*n 3"],
     mean: Float[ndarray, "*n 3"],
@@ -140,19 +123,6 @@ def posterior_calibration(
         MappingProxyType(coverage),
         len(values),
     )
-
-
-def gaussian_nll(
-    truth: Float[ndarray, "*n 3"],
-    mean: Float[ndarray, "*n 3"],
-    covariance: Float[ndarray, "*n 3 3"],
-    axes: tuple[int, ...] = PLANE,
-) -> Float[ndarray, "*n"]:
-    """Negative log density of the true pose under a Gaussian in nats; nan where a covariance is singular."""
-    chosen = covariance[..., axes, :][..., axes]
-    sign, volume = np.linalg.slogdet(2 * np.pi * chosen)
-    regular = sign > 0
-    return np.where(regular, (nees(truth, mean, covariance, axes) + np.where(regular, volume, 0.0)) / 2, np.nan)
 
 
 def particle_nll(

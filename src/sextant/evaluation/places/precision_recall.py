@@ -108,26 +108,6 @@ def best_match_curve(
     return precision_recall(similarities[:, 0], right, matchable, positives.unmatchable)
 
 
-def all_pairs_curve(
-    similarities: Float[ndarray, "m n"], positives: Positives, ignored: Bool[ndarray, "m n"] | None = None
-) -> PrecisionRecall:
-    """The curve over all pairs of query and reference.
-
-    Args:
-        similarities: of all pairs.
-        positives: of the queries.
-        ignored: pairs that are neither right nor wrong, such as those between two tolerances; positives stay positive.
-
-    Raises:
-        ValueError: a similarity is not a number, or the shapes differ.
-    """
-    right = positives.mask()
-    if similarities.shape != right.shape:
-        raise ValueError(f"need similarities of all pairs {right.shape}; got {similarities.shape}")
-    kept = np.ones(right.shape, bool) if ignored is None else right | ~ignored
-    return precision_recall(similarities[kept], right[kept], int(right.sum()), positives.unmatchable)
-
-
 def precision_recall(
     similarities: Float[ndarray, "s"], right: Bool[ndarray, "s"], positives: int, unmatchable: int = 0
 ) -> PrecisionRecall:

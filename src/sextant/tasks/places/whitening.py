@@ -8,7 +8,7 @@ from jaxtyping import Int64
 from numpy import ndarray
 
 from sextant.data.places import PlaceImages, PlaceTolerance
-from sextant.errors import UserError
+from sextant.errors import ArgumentError
 from sextant.models.learned_whitening import learned_whitening
 from sextant.models.place_net import PlaceNet
 from sextant.tasks.places.methods import training_pairs
@@ -60,7 +60,8 @@ def solve_projection(network: PlaceNet, train: PlaceImages, tolerance: PlaceTole
             shrinkage=whitening.shrinkage,
         )
     except ValueError as error:
-        raise UserError(f"task.whitening: {error}", "task.whitening=null, or a smaller task.dimension") from None
+        fix = "whitening=null, or a smaller dimension"
+        raise ArgumentError(f"whitening: {error}", fix, of="PlaceRecognition") from None
     network.projection.weight.copy_(weight)  # type: ignore[operator]
     network.projection.bias.copy_(bias)  # type: ignore[operator]
 
@@ -93,8 +94,9 @@ def require_enough(train: PlaceImages, tolerance: PlaceTolerance, dimension: int
     """Raise a ``UserError`` if the training split cannot span ``dimension`` directions; called before training."""
     rows, _ = _looked_at(train, tolerance)
     if len(rows) - 1 < dimension:
-        raise UserError(
-            f"task.whitening: {len(rows)} training images show a place that is seen under two conditions; for "
-            f"task.dimension={dimension} more than {dimension} are needed",
-            f"task.whitening=null, or task.dimension={max(1, len(rows) - 1)} or less",
+        raise ArgumentError(
+            f"whitening: {len(rows)} training images show a place that is seen under two conditions; for "
+            f"dimension={dimension} more than {dimension} are needed",
+            f"whitening=null, or dimension={max(1, len(rows) - 1)} or less",
+            of="PlaceRecognition",
         )

@@ -7,7 +7,7 @@ import numpy as np
 from sextant.data.localization.drive import Drive
 from sextant.data.localization.faults.fault import Fault
 from sextant.data.localization.localization_data import LocalizationData
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ class WrongSeasonMap(Fault):
             )
         test = tuple(drive for drive in data.test if drive.condition != self.condition)
         if not test:
-            raise UserError(
+            raise ArgumentError(
                 f"fault.condition={self.condition}: no drive of another condition is left to localize in that map",
-                "Give the dataset a third condition: dataset.conditions=[...]",
+                "Give the dataset a third condition: conditions=[...]",
             )
         chosen = replace(others[self.condition], motion=None, odometry="none")
         return replace(data, map=chosen, test=test, other_maps=(data.map,))
