@@ -19,7 +19,7 @@ from sextant.geometry import (
     vfov_from_focal,
 )
 
-NAMES = ["direct", "horizon", "undistorted_horizon"]
+NAMES = ["direct", "angles", "horizon", "undistorted_horizon"]
 FAMILIES = ["lopez", "zero"]
 ALL = [(name, family) for name in NAMES for family in FAMILIES]
 
@@ -224,7 +224,7 @@ def test_more_tilt_is_more_offset():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"name": "rho"}, r"name='rho' must be one of direct, horizon, undistorted_horizon"),
+        ({"name": "rho"}, r"name='rho' must be one of direct, angles, horizon, undistorted_horizon"),
         ({"k2_of_k1": "free"}, "'free': a network predicts k1 alone"),
         ({"k2_of_k1": "cubic"}, "'cubic'"),
     ],

@@ -4,6 +4,7 @@ r"""What a network predicts of a camera: four numbers, from which tilt, roll, fo
 parameterization         1st        2nd    3rd      4th
 ======================= ========== ====== ======== ===========
 ``direct``               tilt θ     roll   focal f  k1
+``angles``               tilt θ     roll   vfov     k1
 ``horizon``              offset ρ   roll   vfov     k1 / f²
 ``undistorted_horizon``  offset τ   roll   vfov     k1 / f²
 ======================= ========== ====== ======== ===========
@@ -29,7 +30,7 @@ from sextant.errors import ArgumentError, UserError
 from sextant.geometry.distortion import K2Family, k2_of_k1
 from sextant.geometry.horizon import rho_from_tilt, tau_from_tilt, tilt_from_rho, tilt_from_tau
 
-Name = Literal["direct", "horizon", "undistorted_horizon"]
+Name = Literal["direct", "angles", "horizon", "undistorted_horizon"]
 #: upper ends of the numbers that say how much is seen; the lower are 0
 SIZE_LIMITS = {"focal": math.inf, "vfov": math.pi}
 
@@ -76,7 +77,7 @@ class Parameterization:
     the fold radius of the lens, beyond which the foot of the horizon is not seen (with ``lopez`` none lies below 3.26).
 
     Args:
-        name: ``direct``, ``horizon`` or ``undistorted_horizon``.
+        name: ``direct``, ``angles``, ``horizon`` or ``undistorted_horizon``.
         k2_of_k1: the lens family, ``lopez`` or ``zero``.
 
     Raises:
@@ -103,6 +104,8 @@ class Parameterization:
         """Names of the four numbers."""
         if self.name == "direct":
             return "tilt", "roll", "focal", "k1"
+        if self.name == "angles":
+            return "tilt", "roll", "vfov", "k1"
         return "rho" if self.name == "horizon" else "tau", "roll", "vfov", "k1_hat"
 
     def k2(self, k1: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
@@ -114,6 +117,8 @@ class Parameterization:
         tilt, roll, focal, k1 = camera
         if self.name == "direct":
             return torch.stack([tilt, roll, focal, k1], -1)
+        if self.name == "angles":
+            return torch.stack([tilt, roll, vfov_from_focal(focal), k1], -1)
         offset = rho_from_tilt(tilt, focal, k1, self.k2(k1)) if self.name == "horizon" else tau_from_tilt(tilt, focal)
         return torch.stack([offset, roll, vfov_from_focal(focal), k1 / focal.square()], -1)
 
@@ -127,6 +132,8 @@ class Parameterization:
         if self.name == "direct":
             return CameraParameters(offset, roll, size, bend)
         focal = focal_from_vfov(size)
+        if self.name == "angles":
+            return CameraParameters(offset, roll, focal, bend)
         k1 = bend * focal.square()
         tilt = tilt_from_rho(offset, focal, k1, self.k2(k1)) if self.name == "horizon" else tilt_from_tau(offset, focal)
         return CameraParameters(tilt, roll, focal, k1)

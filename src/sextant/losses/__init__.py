@@ -12,6 +12,7 @@ from sextant.losses.info_nce import InfoNCELoss
 from sextant.losses.multi_similarity import MultiSimilarityLoss
 from sextant.losses.parameter import ParameterLoss
 from sextant.losses.place_loss import PlaceLoss, PlaceLossOutput
+from sextant.losses.pose_lens import PoseLensLoss
 from sextant.losses.soft_margin import SoftMarginLoss
 from sextant.losses.triplet_margin import TripletMarginLoss
 from sextant.losses.triplet_ratio import TripletRatioLoss
@@ -25,6 +26,7 @@ __all__ = [
     "ParameterLoss",
     "PlaceLoss",
     "PlaceLossOutput",
+    "PoseLensLoss",
     "SoftMarginLoss",
     "TripletMarginLoss",
     "TripletRatioLoss",

@@ -7,6 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.models.canvas import pictures_on_canvas
 from sextant.models.trunk_input import standardized_before
 
 HIDDEN = 64
@@ -47,18 +48,24 @@ class CalibrationNet(nn.Module):
         backbone: maps ``(b, c, h, w)`` to ``features`` numbers; c is 6 with ``coordinates``, else 3.
         features: how many.
         coordinates: append the channels of :func:`coordinate_channels`.
+        lines: the images are squares with pictures in their middles, low-passed to so many lines a side
+            (:mod:`sextant.models.canvas`); None for pictures squashed to the input.
     """
 
-    def __init__(self, backbone: nn.Module, features: int, *, coordinates: bool = True):
+    def __init__(self, backbone: nn.Module, features: int, *, coordinates: bool = True, lines: float | None = None):
         super().__init__()
+        self.lines = lines
         self.backbone, self.coordinates = backbone.to(memory_format=torch.channels_last), coordinates  # faster on CPUs
         standardized_before(self.backbone, (0.5,) * 3, (0.5,) * 3)
         self.values = nn.ModuleList(_head(features) for _ in range(4))
         self.scales = nn.ModuleList(_head(features) for _ in range(4))
 
     def forward(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> CalibrationOutput:
-        """Outputs for images in [0, 1] whose width is ``aspect`` times their height before they were squashed."""
+        """Outputs for images in [0, 1] of pictures whose width is ``aspect`` times their height."""
         x = 2 * images - 1
+        if self.lines is not None:
+            x = pictures_on_canvas(x, aspect, self.lines)
+            aspect = torch.ones_like(aspect)
         if self.coordinates:
             x = torch.cat([x, coordinate_channels(images.shape[-2], images.shape[-1], aspect.to(x))], 1)
         features = F.relu(self.backbone(x.contiguous(memory_format=torch.channels_last)))

@@ -79,6 +79,8 @@ class CalibrationRecipe(Recipe):
             seed=config.seed,
             workers=config.trainer.workers,
             augment=task.augment,
+            canvas=task.canvas is not None,
+            detail=None if task.canvas is None else (task.canvas.detail[0], task.canvas.detail[1]),
         )
 
     def spec(self, config: Config, source: "PanoramaSource", data: "CalibrationData") -> dict[str, Any]:
@@ -86,13 +88,16 @@ class CalibrationRecipe(Recipe):
         import numpy as np
 
         from sextant.geometry import CameraParameters, ParameterSpace
+        from sextant.geometry.canvas import on_canvas
         from sextant.tasks.calibration.network import reported
 
         task = config.task
         assert isinstance(task, CalibrationTask)
         numbers = np.arange(DRAWS)
-        cameras = data.distribution.draw_for(numbers, np.zeros_like(numbers), DRAW_SEED).cameras
-        space = ParameterSpace.covering(build(config.plain, "parameterization"), cameras)
+        drawn = data.distribution.draw_for(numbers, np.zeros_like(numbers), DRAW_SEED)
+        cameras = drawn.cameras
+        ranged = cameras if task.canvas is None else on_canvas(cameras, drawn.aspect)
+        space = ParameterSpace.covering(build(config.plain, "parameterization"), ranged)
         low, high = np.quantile(reported(cameras).numpy(), [0.16, 0.84], axis=0)
         data.setup("validate")
         return {
@@ -105,7 +110,7 @@ class CalibrationRecipe(Recipe):
             "per_panorama": task.crops_per_panorama.val,
             "median": [float(np.median(value)) for value in CameraParameters(*cameras)],
             "spread": ((high - low) / 2).tolist(),
-        }
+        } | ({} if task.canvas is None else {"canvas": True})
 
     def module(self, config: Config, spec: Mapping[str, Any], *, training: bool) -> "Calibration":
         """The calibration module."""

@@ -1,4 +1,4 @@
-"""Finding a run by its MLflow id, its directory or its checkpoint."""
+"""Finding a run by its MLflow id, its directory, its checkpoint or its name in the zoo."""
 
 import hashlib
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from pathlib import Path
 
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, all_runs
+from sextant.zoo import PREFIX, model_file
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class FoundRun:
 
 
 def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
-    """The run that ``reference`` names: an MLflow run id, a run directory or its name, or a checkpoint file.
+    """The run that ``reference`` names: an MLflow run id, a run directory or its name, a checkpoint file, or ``zoo:``
+    and the name of a model that comes with the package.
 
     Args:
         reference: what the user wrote.
@@ -41,6 +43,8 @@ def resolve_run(reference: str, outputs: Path, key: str = "run") -> FoundRun:
     Raises:
         UserError: there is no such run, or it has no checkpoint yet; lists the trained runs there are.
     """
+    if reference.startswith(PREFIX):
+        return FoundRun(model_file(reference), None)
     path = Path(reference).expanduser()
     if path.is_file():
         parent = RunDirectory(path.absolute().parent.parent)

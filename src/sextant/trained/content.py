@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.trained import trained_config
 from sextant.errors import UserError
+from sextant.zoo.files import WEIGHTS, read_model
 
 if TYPE_CHECKING:
     from torch import nn
@@ -16,11 +17,16 @@ RUNNING = ("running_mean", "running_var")  # statistics of normalisation, which 
 
 
 def read_trained(path: Path) -> dict[str, Any]:
-    """The content of a checkpoint of Sextant, or of a published push-pull network as if it were one.
+    """The content of a checkpoint, or of a model of the zoo or a published push-pull network as if it were one.
 
     Raises:
-        UserError: the file is missing, damaged or neither of the two; nothing in it was executed.
+        UserError: the file is missing, damaged or none of these; nothing in it was executed.
     """
+    if path.suffix == WEIGHTS:
+        from sextant.runs.checkpoint import KEY
+
+        model, weights = read_model(path)
+        return {KEY: model, "state_dict": weights}
     if path.name.endswith(PUBLISHED):
         from sextant.trained.published import published_content
 

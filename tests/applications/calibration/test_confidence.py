@@ -40,7 +40,7 @@ class Ranged(Fake):
 
     low, high = 39.1, 92.2
 
-    def position(self, camera):
+    def position(self, camera, aspect):
         place = torch.full((len(camera.focal), 4), 0.5)
         place[:, 2] = (torch.rad2deg(vfov_from_focal(camera.focal)).float() - self.low) / (self.high - self.low)
         return ENDS + place * (1 - 2 * ENDS)

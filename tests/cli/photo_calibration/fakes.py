@@ -39,7 +39,7 @@ class Fake(CameraNetwork):
         scale = torch.tensor(self.scale).expand(len(focal), 4)
         return CalibrationPrediction(camera, scale, self.scores, strangeness=strange)
 
-    def position(self, camera):
+    def position(self, camera, aspect):
         return torch.full((len(camera.focal), 4), self.place)
 
 

@@ -8,6 +8,7 @@ import torch
 from worlds.handmade import OVERCAST, town_renderer
 
 from sextant.data.calibration import CameraDistribution, CameraDraw, Panoramas
+from sextant.data.calibration.batches import Crops
 from sextant.data.calibration.crops import crop_batch, crop_panoramas
 from sextant.data.calibration.ray_sampling import Sampling
 from sextant.data.calibration.rays import Rays, newton_steps
@@ -20,6 +21,7 @@ from sextant.geometry import (
     max_distorted_radius,
     rotation_from_tilt_roll,
 )
+from sextant.geometry.canvas import picture_size
 from sextant.worlds.renderer import Rays as WorldRays
 
 LENSES = CameraDistribution(
@@ -298,3 +300,21 @@ def _place():
     graph = small_town().graph
     a, b = graph.nodes[graph.edges[2]]
     return tuple(a + 0.4 * (b - a))
+
+
+def test_on_a_canvas_a_picture_lies_in_the_middle_as_its_camera_sees_it():
+    """Beside the picture squashed to its own size: the same pixels, whatever its aspect."""
+    held = Panoramas([painted(smooth_colour, 256)], ["a"])
+    numbers = list(range(12))
+    square = Crops(held, LENSES, 96, 96, seed=0, canvas=True)[numbers]
+    for i, aspect in enumerate(square.aspect.tolist()):
+        columns, rows = picture_size(96, aspect)
+        if columns / rows != pytest.approx(aspect):
+            continue  # not of whole pixels
+        left, top = (96 - columns) // 2, (96 - rows) // 2
+        alone = Crops(held, LENSES, columns, rows, seed=0)[[numbers[i]]]
+        assert alone.aspect[0] == square.aspect[i]
+        difference = square.images[i, :, top : top + rows, left : left + columns].float() - alone.images[0].float()
+        assert difference.abs().mean() < 1
+    for kept, expected in zip(square.cameras, Crops(held, LENSES, 48, 36, seed=0)[numbers].cameras, strict=True):
+        assert torch.equal(kept, expected)  # of the pictures, not of the squares

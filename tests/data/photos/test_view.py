@@ -45,3 +45,17 @@ def test_fine_patterns_are_averaged_and_not_sampled():
     checks = np.repeat(255 * (np.indices((360, 480)).sum(0) % 2)[..., None], 3, 2).astype(np.uint8)
     view = network_view(Photo(checks, 480, 360, 1, None), (4 / 3,), 48, 36)
     assert set(np.unique(view.image)) <= {127, 128}
+
+
+@given(st.integers(32, 500), st.integers(32, 500))
+def test_on_a_canvas_a_photo_of_any_shape_is_seen_whole_and_unsquashed(width, height):
+    photo = Photo(np.full((height, width, 3), 200, np.uint8), width, height, 1, None)
+    view = network_view(photo, (9 / 16, 16 / 9), 48, 48, canvas=True)
+    lit = view.image[..., 0] == 200
+    rows, columns = lit.any(1).sum(), lit.any(0).sum()
+    assert max(rows, columns) == 48
+    assert lit.sum() == rows * columns
+    np.testing.assert_array_equal(view.image, view.image[::-1, ::-1])  # in the middle
+    assert view.width / view.height == pytest.approx(columns / rows) == pytest.approx(view.aspect)
+    if 9 / 16 <= width / height <= 16 / 9:
+        assert view.share > 0.95  # the canvas has whole pixels

@@ -13,7 +13,7 @@ from sextant.geometry import CameraParameters, Parameterization, ParameterSpace
 from sextant.losses import BearingLoss
 from sextant.models import CalibrationNet, StridedCNN
 from sextant.tasks.calibration.module import Calibration
-from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, reported
+from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
 from sextant.tasks.calibration.report import arrays, compare, figures, metrics, table
 
 
@@ -69,6 +69,18 @@ def test_it_knows_what_its_pictures_look_like_and_a_run_of_before_says_nothing(t
     assert (new.predict(usual, aspect).strangeness < 1.5).all()
     for images in (noise, usual):
         assert (old.predict(images, aspect).strangeness == 0).all()
+
+
+def test_a_run_that_goes_on_with_other_panoramas_has_intervals_of_its_own(trained):
+    calibration, crops, _ = trained
+    spec = replace(calibration.spec, validation_crops=24)
+    other = CameraNetwork(module(crops).network, spec, calibration.parameterization)
+    own = {name: value for name, value in calibration.state_dict().items() if not name.startswith("loss.")}
+    other.load_state_dict(own)
+    assert other.scores.isinf().all()
+    assert other.scores.shape == (24, 4)
+    for found, expected in zip(other.network.parameters(), calibration.network.parameters(), strict=True):
+        assert torch.equal(found, expected)
 
 
 def test_it_learns_what_the_pictures_show(trained):

@@ -53,11 +53,12 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     ranges.
     """
     doubts = []
-    position = network.position(_stacked(finding.camera))[0].tolist()
+    aspect = torch.tensor([finding.view.aspect], dtype=torch.float64)
+    position = network.position(_stacked(finding.camera), aspect)[0].tolist()
     if at := [name for name, p in zip(NUMBERS, position, strict=True) if not EDGE <= p <= 1 - EDGE]:
         names = ", ".join(at)
         doubts.append((1, f"at the end of what the network was trained on: {names}; the truth may lie beyond"))
-    ends = network.position(_interval_ends(finding)).double()
+    ends = network.position(_interval_ends(finding), aspect).double()
     reached = [
         name
         for i, name in enumerate(NAMES[:3])

@@ -48,7 +48,7 @@ def _seen(network: CameraNetwork, name: str, photo: AnyPhoto) -> tuple[str, Phot
         read = photo_of_array(photo, name) if isinstance(photo, ndarray) else read_photo(Path(photo))
     except UserError as error:
         return FailedPhoto(name, error)
-    view = network_view(read, spec.aspects, spec.width, spec.height)
+    view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
     return name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view
 
 

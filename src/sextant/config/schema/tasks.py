@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sextant.config.schema.calibration.cameras import CameraLoss
+from sextant.config.schema.calibration.cameras import CameraLoss, Canvas
 from sextant.config.schema.parts import Count, Node, Part, Positive, Seed, Share, distinct
 from sextant.config.schema.places.parts import OffTheShelf, PlaceAugmentation, PlaceLoss, ToleranceByUnit, Whitening
 from sextant.config.schema.splits import BySplit, ImageSide
@@ -69,6 +69,16 @@ class CalibrationTask(TaskNode):
     clip: Positive = Field(examples=[1.0])
     geometric_baselines: bool
     test_checkpoint: Literal["last", "best"]
+    canvas: Canvas | None = None
+
+    @model_validator(mode="after")
+    def _pictures_fit_their_canvas(self) -> Self:
+        if self.canvas is not None and (self.width != self.height or self.width % 2):
+            raise ValueError("task.canvas needs squares of an even number of pixels: task.width=112 task.height=112")
+        if self.canvas is not None and self.geometric_baselines:
+            raise ValueError("task.canvas has pictures of all shapes, which geometric methods do not see here: "
+                             "task.geometric_baselines=false")  # fmt: skip
+        return self
 
 
 class PlaceRecognitionTask(TaskNode):

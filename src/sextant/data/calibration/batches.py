@@ -6,6 +6,7 @@ and test are the same for every run.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,9 @@ from sextant.data.calibration.augmentation import augmented
 from sextant.data.calibration.camera_distributions import CameraDistribution
 from sextant.data.calibration.crop_batch import CropBatch
 from sextant.data.calibration.crops import crop_batch
+from sextant.data.calibration.detail import with_detail
 from sextant.geometry import CameraParameters
+from sextant.geometry.canvas import on_canvas
 
 if TYPE_CHECKING:
     from sextant.data.calibration.panoramas import Panoramas
@@ -39,6 +42,9 @@ class Crops(Dataset[CropBatch]):
         antialias: average over the area of a pixel.
         augment: change the light, the sensor and the side; see :mod:`~sextant.data.calibration.augmentation`.
         keep: remember every batch, for crops that are asked for again and again.
+        canvas: crops are squares of ``width`` with the picture in the middle, of which all is shown
+            (:mod:`sextant.geometry.canvas`); else pictures are squashed to the crop.
+        detail: fewest and most lines of what is left of a training crop; see :mod:`sextant.data.calibration.detail`.
     """
 
     def __init__(
@@ -52,10 +58,13 @@ class Crops(Dataset[CropBatch]):
         antialias: bool = True,
         augment: bool = False,
         keep: bool = False,
+        canvas: bool = False,
+        detail: tuple[float, float] | None = None,
     ):
         self.panoramas, self.distribution, self.seed, self.augment = panoramas, distribution, seed, augment
         self._kept: dict[bytes, CropBatch] | None = {} if keep else None
         self.width, self.height, self.antialias = width, height, antialias
+        self.canvas, self.detail = canvas, detail
 
     def __getitem__(self, numbers: list[int] | Tensor) -> CropBatch:
         chosen = np.asarray(numbers, np.int64)
@@ -68,10 +77,15 @@ class Crops(Dataset[CropBatch]):
     def _cut(self, chosen: Int64[ndarray, "b"]) -> CropBatch:
         which, draws = chosen % len(self.panoramas), chosen // len(self.panoramas)
         draw = self.distribution.draw_for(which, draws, self.seed)
+        shown = draw
+        if self.canvas:
+            shown = replace(draw, cameras=on_canvas(draw.cameras, draw.aspect), aspect=torch.ones_like(draw.aspect))
         images = crop_batch(
-            self.panoramas, which, draw, self.width, self.height,
+            self.panoramas, which, shown, self.width, self.height,
             k2_of_k1=self.distribution.k2_of_k1, antialias=self.antialias,
         )  # fmt: skip
+        if self.detail is not None:
+            images = with_detail(np.asarray(images), self.detail, chosen, self.seed)
         batch = CropBatch(
             torch.as_tensor(images),
             draw.cameras.to(dtype=torch.float32),

@@ -30,6 +30,8 @@ class CalibrationData(pl.LightningDataModule):
         seed: of the training draws and their order.
         workers: processes that cut crops; 0 cuts them in the training process.
         augment: change the light, the sensor and the side of training crops.
+        canvas: crops are squares with pictures of any aspect in their middles.
+        detail: fewest and most lines that training crops are left with, drawn independently of their cameras.
     """
 
     def __init__(
@@ -45,6 +47,8 @@ class CalibrationData(pl.LightningDataModule):
         seed: int,
         workers: int = 0,
         augment: bool = False,
+        canvas: bool = False,
+        detail: tuple[float, float] | None = None,
     ):
         super().__init__()
         self.source, self.distribution = source, distribution
@@ -52,6 +56,7 @@ class CalibrationData(pl.LightningDataModule):
         self.size, self.crops_per_panorama = size, crops_per_panorama
         self.batch_size, self.eval_batch_size = batch_size, eval_batch_size
         self.seed, self.workers, self.augment = seed, workers, augment
+        self.canvas, self.detail = canvas, detail
         self._splits: dict[str, Crops] = {}
 
     def setup(self, stage: str) -> None:
@@ -63,8 +68,9 @@ class CalibrationData(pl.LightningDataModule):
                 panoramas = self.source.read(split)  # type: ignore[arg-type]
                 augment = self.augment and split == "train"
                 self._splits[split] = Crops(
-                    panoramas, distribution, self.size[1], self.size[0], draws, augment=augment, keep=split == "val"
-                )
+                    panoramas, distribution, self.size[1], self.size[0], draws, augment=augment, keep=split == "val",
+                    canvas=self.canvas, detail=self.detail if split == "train" else None,
+                )  # fmt: skip
 
     def split(self, name: str) -> Crops:
         """The crops of ``train``, ``val`` or ``test``, once they were read by :meth:`setup`."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.data.photos.photo import Photo
+from sextant.geometry.canvas import picture_size
 
 
 @dataclass(frozen=True)
@@ -33,15 +34,26 @@ class NetworkView:
     share: float
 
 
-def network_view(photo: Photo, aspects: Sequence[float], width: int, height: int) -> NetworkView:
+def network_view(
+    photo: Photo, aspects: Sequence[float], width: int, height: int, *, canvas: bool = False
+) -> NetworkView:
     """The largest centred part of a photo with one of the ``aspects`` that a network was trained on.
 
     Of the aspects, the one whose part covers most of the photo. A portrait photo is so cut to the full width. The part
     is averaged over areas to ``width`` x ``height``, or interpolated where it has fewer pixels. Because it has the
     photo's centre, a camera found for it is that of the photo: tilt, roll and k1 are the same, and the focal length in
     pixels of the original is the one in image heights times the part's height.
+
+    With ``canvas`` the part may have any aspect between the ends of ``aspects``, and lies in the middle of a black
+    square of ``width`` pixels a side.
     """
     shape = photo.width / photo.height
+    if canvas:
+        columns, rows = picture_size(width, min(max(shape, min(aspects)), max(aspects)))
+        view = network_view(photo, [columns / rows], columns, rows)
+        beside, above = (width - columns) // 2, (height - rows) // 2
+        square = np.pad(view.image, ((above, above), (beside, beside), (0, 0)))
+        return replace(view, image=square)
     aspect = max(aspects, key=lambda a: min(a, shape) / max(a, shape))
     part = (float(min(photo.width, photo.height * aspect)), float(min(photo.height, photo.width / aspect)))
     left, top = (photo.width - part[0]) / 2, (photo.height - part[1]) / 2

@@ -14,7 +14,6 @@ from torch.optim import Optimizer
 from sextant.corruptions import Condition, CorruptionSuite
 from sextant.data.calibration.crop_batch import CropBatch
 from sextant.evaluation.calibration.errors import GRID, bearing_error
-from sextant.evaluation.calibration.picture_looks import picture_looks
 from sextant.evaluation.protocols import calibration_converged
 from sextant.geometry import CameraParameters, Parameterization
 from sextant.losses import CameraLoss
@@ -87,10 +86,11 @@ class Calibration(CameraNetwork, pl.LightningModule):
         """The loss of the cameras, and of the expected errors given the errors made."""
         output = self.network(batch.images_in_unit_range(), batch.aspect)
         values = self.space.from_unit(output.unit)
-        truth = self.parameterization.encode(batch.cameras)
-        loss = self.loss(values, truth, batch.aspect).mean()
+        truth = self.encoded(batch.cameras, batch.aspect)
+        shape = torch.ones_like(batch.aspect) if self.spec.canvas else batch.aspect
+        loss = self.loss(values, truth, shape).mean()
         with torch.no_grad():
-            error = (reported(self.parameterization.decode(values)) - reported(batch.cameras)).abs()
+            error = (reported(self.decoded(values, batch.aspect)) - reported(batch.cameras)).abs()
         # the likelihood of Laplace's distribution: smallest where the scale is the mean absolute error
         expected = (output.log_scale + error * torch.exp(-output.log_scale)).mean()
         self._log_training_loss(self.step_losses.add(self.global_step, loss))
@@ -127,7 +127,7 @@ class Calibration(CameraNetwork, pl.LightningModule):
         bearing = self.bearing_error_deg(camera, batch.cameras, batch.aspect)
         constant = CameraParameters(*(torch.full_like(batch.aspect, value) for value in self.spec.median))
         beside = self.bearing_error_deg(constant, batch.cameras, batch.aspect)
-        looks = picture_looks(batch.images_in_unit_range())
+        looks = self.looks(batch.images_in_unit_range(), batch.aspect)
         self._validation.append((error, error / scale, bearing, beside, looks, batch.panoramas))
 
     def on_validation_epoch_end(self) -> None:

@@ -12,7 +12,9 @@ from sextant.errors import UserError
 from sextant.evaluation.calibration.picture_looks import NUMBERS, LooksSpread, own_distances, picture_looks
 from sextant.evaluation.conformal import conformal_quantile
 from sextant.geometry import CameraParameters, Parameterization, ParameterSpace, vfov_from_focal
+from sextant.geometry.canvas import of_picture, on_canvas
 from sextant.models import CalibrationNet
+from sextant.models.canvas import pictures_of_canvas
 
 #: share of validation images that look usual
 USUAL = 0.95
@@ -25,13 +27,15 @@ class CalibrationSpec:
     Attributes:
         height: of its input in pixels.
         width: of its input in pixels.
-        aspects: of the images it was trained on, before they were squashed to the input.
+        aspects: of the images it was trained on, before they were brought to the input.
         low: lower ends of the four ranges.
         high: upper ends of the four ranges.
         validation_crops: scores that the intervals rest on.
         per_panorama: of them from each panorama.
         median: tilt, roll, focal and k1 in the middle of the training distribution.
         spread: half the width of the central 68 % of tilt, roll, vfov (radians) and k1_hat in training.
+        canvas: the input is a square with the picture in its middle (:mod:`sextant.geometry.canvas`), and the ranges
+            are those of cameras on it; else the picture is squashed to the input.
     """
 
     height: int
@@ -43,6 +47,7 @@ class CalibrationSpec:
     per_panorama: int
     median: tuple[float, ...]
     spread: tuple[float, ...]
+    canvas: bool = False
 
     def space(self, parameterization: Parameterization) -> ParameterSpace:
         """The numbers that the network predicts, and their ranges."""
@@ -104,22 +109,49 @@ class CameraNetwork(nn.Module):
     def forward(
         self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]
     ) -> tuple[CameraParameters, Float[Tensor, "b 4"]]:
-        """Cameras of images in [0, 1], and the expected absolute errors of what :func:`reported` gives."""
-        output = self.network(images, aspect)
-        return self.parameterization.decode(self.space.from_unit(output.unit)), output.log_scale.exp()
+        """Cameras of images in [0, 1], and the expected absolute errors of what :func:`reported` gives.
+
+        On a canvas, the mean of what the network says of an image and of its mirror image, in which roll changes its
+        sign and nothing else does.
+        """
+        if not self.spec.canvas:
+            output = self.network(images, aspect)
+            return self.decoded(self.space.from_unit(output.unit), aspect), output.log_scale.exp()
+        output = self.network(torch.cat([images, images.flip(-1)]), aspect.repeat(2))
+        both = self.decoded(self.space.from_unit(output.unit), aspect.repeat(2))
+        tilt, roll, focal, k1 = (value.reshape(2, -1) for value in both)
+        camera = CameraParameters(tilt.mean(0), (roll[0] - roll[1]) / 2, focal.log().mean(0).exp(), k1.mean(0))
+        return camera, output.log_scale.exp().reshape(2, -1, 4).mean(0)
+
+    def looks(self, images: Float[Tensor, "b 3 h w"], aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 16"]:
+        """What images in [0, 1] look like to the network, by :mod:`sextant.evaluation.calibration.picture_looks`."""
+        if self.network.lines is None:
+            return picture_looks(images)
+        pictures = pictures_of_canvas(images, aspect, self.network.lines)
+        return torch.cat([picture_looks(picture) for picture in pictures])
+
+    def decoded(self, values: Float[Tensor, "b 4"], aspect: Float[Tensor, "b"]) -> CameraParameters:
+        """Cameras of pictures from the four numbers of each."""
+        camera = self.parameterization.decode(values)
+        return of_picture(camera, aspect) if self.spec.canvas else camera
+
+    def encoded(self, camera: CameraParameters, aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 4"]:
+        """The four numbers of cameras of pictures."""
+        return self.parameterization.encode(on_canvas(camera, aspect) if self.spec.canvas else camera)
 
     @torch.no_grad()
     def predict(self, images: Tensor, aspect: Float[Tensor, "b"]) -> CalibrationPrediction:
         """Cameras and their uncertainty for images of bytes, ``(b, 3, h, w)``, and how strange these look."""
         images, aspect = images.to(self.scores.device).float() / 255, aspect.to(self.scores.device)
         camera, scale = self(images, aspect)
+        looks = self.looks(images, aspect)
         usual = conformal_quantile(self.looks_scores, USUAL, self.spec.per_panorama)
-        distance = LooksSpread(self.looks_mean, self.looks_whitening).distance(picture_looks(images))
+        distance = LooksSpread(self.looks_mean, self.looks_whitening).distance(looks)
         return CalibrationPrediction(camera, scale, self.scores, self.spec.per_panorama, distance / usual)
 
-    def position(self, camera: CameraParameters) -> Float[Tensor, "b 4"]:
+    def position(self, camera: CameraParameters, aspect: Float[Tensor, "b"]) -> Float[Tensor, "b 4"]:
         """Where each of the four numbers of a camera lies along the range trained on: 0 to 1 inside it."""
-        return self.space.to_unit(self.parameterization.encode(camera))
+        return self.space.to_unit(self.encoded(camera, aspect))
 
     def keep_validation(self, scores: Float[Tensor, "n 4"], looks: Float[Tensor, "n 16"], panoramas: Tensor) -> None:
         """Keep what intervals and strangeness rest on.
@@ -138,6 +170,9 @@ class CameraNetwork(nn.Module):
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
         for name in ("looks_mean", "looks_whitening", "looks_scores"):  # which runs of before do not have
             state_dict.setdefault(prefix + name, getattr(self, name))
+        for name in ("scores", "looks_scores"):  # a run that goes on from another with other panoramas has its own
+            if state_dict.get(prefix + name, self.scores).shape != getattr(self, name).shape:
+                state_dict[prefix + name] = getattr(self, name)
         super()._load_from_state_dict(state_dict, prefix, *arguments)
 
 
@@ -167,5 +202,6 @@ def network_parts(
         backbone = build("inhibition")(backbone)
     except ValueError as error:
         raise UserError(f"inhibition: {error}", "Choose another backbone, or inhibition=none") from None
-    network = CalibrationNet(backbone, task["features"], coordinates=task["coordinates"])
+    lines = None if task.get("canvas") is None else task["canvas"]["lines"]
+    network = CalibrationNet(backbone, task["features"], coordinates=task["coordinates"], lines=lines)
     return network, facts, build("parameterization")

@@ -4,14 +4,14 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from sextant.config.schema.parts import Part, Positive
+from sextant.config.schema.parts import Node, Part, Positive
 
 
 class Parameterization(Part):
     """What a network predicts of a camera."""
 
     target: Literal["sextant.geometry.Parameterization"] = Field(alias="_target_")
-    name: Literal["direct", "horizon", "undistorted_horizon"]
+    name: Literal["direct", "angles", "horizon", "undistorted_horizon"]
     k2_of_k1: Literal["lopez", "zero"]
 
 
@@ -43,3 +43,18 @@ class BearingLoss(CameraLoss):
     target: Literal["sextant.losses.BearingLoss"] = Field(alias="_target_")
     mode: Literal["joint", "disentangled", "harmonic"]
     grid: int = Field(ge=2, le=64, examples=[7])
+
+
+class PoseLensLoss(CameraLoss):
+    """Errors of the direction of gravity and of the lens."""
+
+    target: Literal["sextant.losses.PoseLensLoss"] = Field(alias="_target_")
+    focal_weight: Positive = Field(examples=[0.5])
+    bend_weight: Positive = Field(examples=[0.5])
+
+
+class Canvas(Node):
+    """Pictures in squares, low-passed."""
+
+    lines: Positive = Field(examples=[96])
+    detail: list[Positive] = Field(min_length=2, max_length=2, examples=["[40,224]"])

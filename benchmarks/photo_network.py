@@ -1,0 +1,153 @@
+"""What a network of calibration says of images it never saw: ``python -m benchmarks.photo_network run=<run>``.
+
+Medians of the network alone, without lines, and how often its 68 and 95 % intervals hold the truth of tilt, roll and
+field of view. Photos and their tables are those of ``SEXTANT_DATA``; of panoramas, those that the package's weights may
+not be trained on, which are left out of training whole. Last, how far the field of view of every third photo of York
+Urban moves when the photo is blurred.
+"""
+
+import csv
+import math
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from sextant.cli.arguments import parse_arguments
+from sextant.composing.compose import compose, to_plain
+from sextant.config.building import build
+from sextant.data.calibration.batches import Crops
+from sextant.data.calibration.datamodule import TEST
+from sextant.data.calibration.panorama_images import decode_panorama
+from sextant.data.calibration.panoramas import Panoramas
+from sextant.data.photos import Photo, network_view, read_photo
+from sextant.evaluation.calibration.errors import calibration_errors
+from sextant.geometry import CameraParameters
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+from sextant.tasks.calibration.network import CalibrationPrediction, CameraNetwork, reported
+from sextant.trained.camera_network import trained_camera_network
+from sextant.trained.content import read_trained
+
+KEYS = {"run": "of calibration: zoo:calibration, its directory or checkpoint"}
+PHOTOS = ("york_urban", "phone_gravity", "exif_focal")
+BOARDS = "camera_boards/opencv_left"
+CROPS = 7  # of a panorama
+NOT_FOR_TRAINING = ("zind", "jameskuk")  # scenes of their own; the other panoramas are one set
+BLURRED = (168, 120, 84, 60, 42)  # lines of the photo's height
+
+
+def truths(data: Path, source: str) -> dict[Path, dict[str, float]]:
+    """What is known of each photo of a source."""
+    if source == BOARDS:
+        return {path: {"f_px": 532.5} for path in sorted((data / source).glob("*.jpg"))}
+    with open(data / source / f"{source}.csv", newline="") as table:
+        rows = list(csv.DictReader(table))
+    return {
+        data / source / row["file"]: {key: float(row[key]) for key in ("f_px", "tilt_deg", "roll_deg") if row.get(key)}
+        for row in rows
+    }
+
+
+def asked(network: CameraNetwork, photos: list[Photo]) -> tuple[CalibrationPrediction, torch.Tensor, torch.Tensor]:
+    """What the network says of photos; aspect and height in pixels of what it saw of each."""
+    spec = network.spec
+    views = [network_view(photo, spec.aspects, spec.width, spec.height, canvas=spec.canvas) for photo in photos]
+    images = torch.from_numpy(np.stack([view.image for view in views]).transpose(0, 3, 1, 2).copy())
+    aspect = torch.tensor([view.aspect for view in views])
+    return network.predict(images, aspect), aspect, torch.tensor([view.height for view in views])
+
+
+def row(name: str, error: torch.Tensor, said: CalibrationPrediction, focal: torch.Tensor, rays: float) -> str:
+    """A line of the table, from errors of tilt, roll and vfov (radians) and relative ones of the focal length."""
+    medians = torch.rad2deg(error.nanmedian(0).values).tolist()
+    held = []
+    for level in (0.68, 0.95):
+        inside = (error <= (said.scale * said.quantile(level))[:, :3]).float()
+        held.append(torch.where(error.isnan(), torch.nan, inside).nanmean(0).tolist())
+    cells = [*(f"{value:.1f}" for value in (rays, *medians)), f"{100 * focal.abs().median():.0f} %"]
+    cells += ["/".join(f"{100 * share:.0f}" for share in shares) for shares in held]
+    return f"| {name} | {len(error)} | " + " | ".join(cell.replace("nan", "") for cell in cells)
+
+
+def photo_row(network: CameraNetwork, data: Path, source: str) -> str:
+    known = truths(data, source)
+    said, _, height = asked(network, [read_photo(path) for path in known])
+    focal = torch.tensor([each["f_px"] for each in known.values()]) / height
+    angles = [[each.get(key, math.nan) for each in known.values()] for key in ("tilt_deg", "roll_deg")]
+    tilt, roll = torch.deg2rad(torch.tensor(angles))
+    truth = CameraParameters(tilt, roll, focal, torch.zeros_like(focal))
+    error = (reported(said.parameters) - reported(truth))[:, :3]
+    error[:, 1] = torch.remainder(error[:, 1] + math.pi, 2 * math.pi) - math.pi
+    return row(source, error.abs(), said, said.parameters.focal / focal - 1, math.nan)
+
+
+def panorama_sets(data: Path) -> dict[str, list[Path]]:
+    """Panoramas that shipped weights are not trained on, by scene."""
+    with open(data / "panoramas_more/licences.csv", newline="") as table:
+        allowed = {entry["file"] for entry in csv.DictReader(table) if entry["ok_for_MIT_weights"] == "yes"}
+    found: dict[str, list[Path]] = {name: [] for name in (*NOT_FOR_TRAINING, "others")}
+    for path in sorted([*(data / "panoramas").glob("*.jpg"), *(data / "panoramas_more").glob("*.jpg")]):
+        prefix = path.name.partition("__")[0]
+        if prefix != "polyhaven" and path.name not in allowed:
+            found[prefix if prefix in found else "others"].append(path)
+    return found
+
+
+def panorama_row(network: CameraNetwork, name: str, paths: list[Path], sampling: str) -> str:
+    held = Panoramas([decode_panorama(path, 512) for path in paths], [path.name for path in paths])
+    distribution = build(to_plain(compose(["task=calibration", f"sampling={sampling}"])), "sampling")
+    crops = Crops(held, distribution, network.spec.width, network.spec.height, TEST, canvas=network.spec.canvas)
+    batch = crops[list(range(CROPS * len(held)))]
+    said = network.predict(batch.images, batch.aspect)
+    found, truth = (camera.to(dtype=torch.float64) for camera in (said.parameters, batch.cameras))
+    rays = calibration_errors(found, truth, batch.aspect.double(), k2_of_k1="lopez")["bearing_deg"]
+    error = (reported(said.parameters) - reported(batch.cameras))[:, :3].abs()
+    return row(
+        f"{name}, {sampling}", error, said, said.parameters.focal / batch.cameras.focal - 1, float(np.median(rays))
+    )
+
+
+def blur_rows(network: CameraNetwork, data: Path) -> Iterator[str]:
+    """How far the field of view moves with the lines that are left of a photo's height."""
+    photos = [read_photo(path) for path in list(truths(data, "york_urban"))[::3]]
+
+    def fields(lines: int | None) -> torch.Tensor:
+        shown = photos if lines is None else [blurred(photo, lines) for photo in photos]
+        return torch.rad2deg(reported(asked(network, shown)[0].parameters)[:, 2])
+
+    sharp = fields(None)
+    for lines in BLURRED:
+        soft = fields(lines)
+        moved = (soft - sharp).abs()
+        yield f"| {lines} | {sharp.median():.1f} | {soft.median():.1f} | {moved.median():.1f} | {moved.max():.1f} |"
+
+
+def blurred(photo: Photo, lines: int) -> Photo:
+    """A photo made so many lines high, and as high as before again."""
+    rows, columns = photo.image.shape[:2]
+    small = cv2.resize(photo.image, (round(columns * lines / rows), lines), interpolation=cv2.INTER_AREA)
+    return Photo(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_CUBIC), photo.width, photo.height, 1, None)
+
+
+def main() -> None:
+    given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.photo_network run=zoo:calibration")
+    path = resolve_run(given["run"], default_outputs()).checkpoint
+    network, data = trained_camera_network(read_trained(path), path), Path(os.environ["SEXTANT_DATA"])
+    print("| set | images | rays | tilt | roll | vfov | focal | 68 % holds tilt/roll/vfov | 95 % holds |")
+    print("|" + "---|" * 9)
+    for source in (*PHOTOS, BOARDS):
+        print(photo_row(network, data, source) + " |")
+    for name, paths in panorama_sets(data).items():
+        for sampling in ("lopez_4x3", "held_cameras"):
+            print(panorama_row(network, name, paths, sampling) + " |")
+    print("\n| lines left | vfov of the sharp photo | blurred | median move | largest |\n|" + "---|" * 5)
+    print("\n".join(blur_rows(network, data)))
+
+
+if __name__ == "__main__":
+    main()

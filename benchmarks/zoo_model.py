@@ -1,0 +1,88 @@
+"""Put a trained run of calibration into the zoo: ``python -m benchmarks.zoo_model run=<run> name=<name> card=<json>``.
+
+``intervals=<run>`` is a run of the same recipe that left out panoramas which the shipped network was trained on. What
+intervals and the looks of photos rest on is measured with it on these panoramas, 40 crops of each, which count as
+independent.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from sextant.cli.arguments import parse_arguments
+from sextant.recipes import recipe_of
+from sextant.runs.checkpoint import KEY
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+from sextant.tasks.calibration.network import CameraNetwork, reported
+from sextant.trained.camera_network import trained_camera_network
+from sextant.trained.content import own_config, read_trained
+from sextant.zoo import write_model
+
+KEYS = {
+    "run": "directory or checkpoint",
+    "name": "of the model",
+    "card": "JSON with what the card says: data, licences, command, metrics, seeds, hardware, date",
+    "intervals": "the run on whose validation panoramas the intervals rest",
+    "outputs": "folder of runs",
+}
+USAGE = "python -m benchmarks.zoo_model run=<run> name=<name> card=<facts.json> intervals=<run>"
+CROPS = 40  # of a panorama
+#: of a config: where a run was made, which is nobody's business
+ANYWHERE = {"paths": {"data": "data", "outputs": "outputs", "cache": "data"}}
+
+
+def without_places(config: dict[str, Any]) -> dict[str, Any]:
+    """A config without the folders of the machine that it was run on."""
+    for source in config["dataset"].get("sources", {}).values():
+        if "folder" in source:
+            source["folder"] = Path(source["folder"]).name
+    return {**config, **ANYWHERE}
+
+
+@torch.no_grad()
+def measured(path: Path) -> dict[str, torch.Tensor]:
+    """What intervals and looks rest on: of a run's network, on crops of the real panoramas of its validation."""
+    content = read_trained(path)
+    network = trained_camera_network(content, path)
+    config = own_config(content[KEY])
+    recipe: Any = recipe_of("calibration")
+    data = recipe.data(config, recipe.source(config))
+    data.setup("validate")
+    crops = data.split("val")
+    real = np.array([not name.startswith("town") for name in crops.panoramas.names])
+    numbers = np.arange(CROPS * len(real))
+    numbers = numbers[real[numbers % len(real)]]
+    rows = []
+    for some in np.array_split(numbers, -(-len(numbers) // 120)):
+        batch = crops[some.tolist()]
+        images = batch.images_in_unit_range()
+        camera, scale = network(images, batch.aspect)
+        error = (reported(camera) - reported(batch.cameras)).abs()
+        rows.append((error / scale, network.looks(images, batch.aspect), batch.panoramas))
+    scores, looks, panoramas = (torch.cat(column) for column in zip(*rows, strict=True))
+    for name in ("scores", "looks_scores"):
+        setattr(network, name, torch.zeros(len(scores), *getattr(network, name).shape[1:]))
+    CameraNetwork.keep_validation(network, scores, looks, panoramas)
+    return {name: getattr(network, name) for name in ("scores", "looks_mean", "looks_whitening", "looks_scores")}
+
+
+def main() -> None:
+    given = parse_arguments(sys.argv[1:], KEYS, USAGE)
+    outputs = Path(given.get("outputs", default_outputs()))
+    content = read_trained(resolve_run(given["run"], outputs).checkpoint)
+    kept = measured(resolve_run(given["intervals"], outputs).checkpoint)
+    weights = {name: tensor for name, tensor in content["state_dict"].items() if not name.startswith("loss.")} | kept
+    model = {name: content[KEY][name] for name in ("schema_version", "task")}
+    model["config"] = without_places(content[KEY]["config"])
+    model["spec"] = {**content[KEY]["spec"], "validation_crops": len(kept["scores"]), "per_panorama": 1}
+    facts = json.loads(Path(given["card"]).read_text(encoding="utf-8"))
+    print(write_model(given["name"], model, weights, facts))
+
+
+if __name__ == "__main__":
+    main()

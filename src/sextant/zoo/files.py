@@ -1,0 +1,123 @@
+"""Models of the zoo as files: found by name, checked and read. Nothing in them is executed."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sextant.atomic_files import write_atomically
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+PREFIX = "zoo:"
+FOLDER = Path(__file__).parent
+WEIGHTS, CARD = ".safetensors", ".json"
+#: of a card: what builds the network and what belongs to it, as in a checkpoint
+MODEL = "model"
+REINSTALL = "Install Sextant again: pip install --force-reinstall --no-deps sextant"
+
+
+def names(folder: Path = FOLDER) -> list[str]:
+    """The models there are."""
+    return sorted(path.stem for path in folder.glob(f"*{CARD}"))
+
+
+def model_file(reference: str, folder: Path = FOLDER) -> Path:
+    """The weights that ``zoo:<name>`` names.
+
+    Raises:
+        UserError: there is no model of that name, or a file of it is missing.
+    """
+    name = reference.removeprefix(PREFIX)
+    if name not in names(folder):
+        raise UserError(
+            f"{reference}: no such model", f"Models there are: {', '.join(PREFIX + n for n in names(folder))}"
+        )
+    path = folder / f"{name}{WEIGHTS}"
+    if not path.is_file():
+        raise UserError(f"{reference}: its weights are missing: {path}", REINSTALL)
+    return path
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """The card of a model.
+
+    Args:
+        path: of its weights.
+
+    Raises:
+        UserError: there is none beside them, or it is damaged.
+    """
+    card = path.with_suffix(CARD)
+    try:
+        found = json.loads(card.read_text(encoding="utf-8"))
+        if isinstance(found, dict) and isinstance(found.get("sha256"), str) and isinstance(found.get(MODEL), dict):
+            return found
+    except FileNotFoundError:
+        raise UserError(f"{path} has no card beside it, {card.name}, which says how it is built", REINSTALL) from None
+    except (OSError, ValueError):
+        pass
+    raise UserError(f"{card} is damaged: it is no card of a model", REINSTALL)
+
+
+def read_model(path: Path) -> tuple[dict[str, Any], "dict[str, Tensor]"]:
+    """What a model is built by, and its weights in single precision.
+
+    Args:
+        path: of its weights, with its card beside it.
+
+    Raises:
+        UserError: a file is missing or damaged, or the weights are not those that the card belongs to.
+    """
+    import torch
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    card = read_card(path)
+    data = path.read_bytes()  # what is verified is what is read
+    if hashlib.sha256(data).hexdigest() != card["sha256"]:
+        raise UserError(f"{path} was altered or is damaged: its SHA-256 is not the one of its card", REINSTALL)
+    try:
+        stored = load(data)
+    except (SafetensorError, ValueError) as error:
+        raise UserError(f"{path} cannot be read: {error}", REINSTALL) from None
+    return card[MODEL], {name: each.float() if each.dtype == torch.float16 else each for name, each in stored.items()}
+
+
+def write_model(
+    name: str,
+    model: Mapping[str, Any],
+    weights: "Mapping[str, Tensor]",
+    facts: Mapping[str, Any],
+    folder: Path = FOLDER,
+) -> Path:
+    """Write a model and its card; its parameters are stored in half precision where they fit it.
+
+    Args:
+        name: of the model.
+        model: what builds it: plain values, as a checkpoint has them.
+        weights: its state dict.
+        facts: of the card: data, licences, command, metrics, seeds, hardware, date.
+        folder: of models.
+
+    Returns:
+        The file of the weights.
+    """
+    from safetensors.torch import save
+
+    data = save({key: _halved(value) for key, value in weights.items()})
+    path = folder / f"{name}{WEIGHTS}"
+    write_atomically(path, lambda file: file.write(data))
+    card = {**facts, "sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), MODEL: dict(model)}
+    text = json.dumps(card, indent=1, ensure_ascii=False) + "\n"
+    write_atomically(path.with_suffix(CARD), lambda file: file.write(text.encode()))
+    return path
+
+
+def _halved(tensor: "Tensor") -> "Tensor":
+    """Weights of convolutions and linear layers in half precision; what is small and exact stays as it is."""
+    fits = tensor.is_floating_point() and tensor.ndim > 1 and bool((tensor.abs() < 6e4).all())
+    return (tensor.half() if fits else tensor).contiguous()

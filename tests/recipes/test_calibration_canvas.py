@@ -1,0 +1,86 @@
+"""A network for pictures of every shape, from its config to its answer."""
+
+import numpy as np
+import pytest
+import torch
+from calibration_toy import ToyPanoramas
+
+from sextant.composing.compose import compose, to_plain
+from sextant.config import validate
+from sextant.data.photos import network_view, photo_of_array
+from sextant.errors import UserError
+from sextant.recipes import recipe_of
+
+SMALL = [
+    "experiment=calibration_held", "dataset.sources.real.folder=/nowhere", "backbone.weights=null", "backbone.stages=2",
+    "backbone.frozen_stages=0", "backbone.grid=[2,2]", "task.width=32", "task.height=32", "task.canvas.lines=28",
+    "task.crops_per_panorama={train: 4, val: 4, test: 2}",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def parts():
+    recipe, config = recipe_of("calibration"), validate(to_plain(compose(SMALL)))
+    data = recipe.data(config, ToyPanoramas())
+    spec = recipe.spec(config, ToyPanoramas(), data)
+    torch.manual_seed(0)
+    return recipe.module(config, spec, training=False).eval(), spec, data
+
+
+def test_ranges_are_those_of_the_longer_side(parts):
+    _, spec, _ = parts
+    assert spec["canvas"]
+    fields = 2 * np.degrees(np.arctan(0.5 / np.array([120 / 36, 12 / 36])))
+    np.testing.assert_allclose(np.degrees([spec["low"][2], spec["high"][2]]), fields, atol=3)
+    assert min(spec["aspects"]) == pytest.approx(9 / 16)
+    assert max(spec["aspects"]) == pytest.approx(16 / 9)
+
+
+def test_a_training_step_is_finite_and_knows_the_pictures_shapes(parts):
+    module, _, data = parts
+    data.setup("fit")
+    batch = data.split("train")[list(range(16))]
+    assert batch.images.shape == (16, 3, 32, 32)
+    assert len(batch.aspect.unique()) > 2
+    step = module.train().training_step(batch, 0)
+    step.backward()
+    module.eval()
+    assert step.isfinite()
+    assert torch.allclose(
+        module.decoded(module.encoded(batch.cameras, batch.aspect), batch.aspect).focal, batch.cameras.focal
+    )
+
+
+def test_the_mirror_image_has_the_opposite_roll_and_nothing_else(parts):
+    module, _, data = parts
+    batch = data.split("val")[list(range(8))]
+    images = batch.images_in_unit_range()
+    here, there = module(images, batch.aspect)[0], module(images.flip(-1), batch.aspect)[0]
+    torch.testing.assert_close(there.roll, -here.roll)
+    for name in ("tilt", "focal", "k1"):
+        torch.testing.assert_close(getattr(there, name), getattr(here, name))
+
+
+def test_upright_photos_are_seen_whole_and_their_field_of_view_is_theirs(parts):
+    """Turned to their side, photos have another vertical field of view and the same focal length in pixels."""
+    module, spec, _ = parts
+    module.keep_validation(*(torch.rand(module.spec.validation_crops, n) for n in (4, 16)), torch.arange(24) // 4)
+    image = np.random.default_rng(0).integers(0, 256, (160, 90, 3), np.uint8)
+    view = network_view(photo_of_array(image, "a"), spec["aspects"], 32, 32, canvas=True)
+    assert (view.width, view.height, view.share) == (90, 160, 1)
+    said = module.predict(torch.from_numpy(view.image.transpose(2, 0, 1).copy())[None], torch.tensor([view.aspect]))
+    longer_side = module.encoded(said.parameters, torch.tensor([view.aspect]))[0, 2]
+    assert float(2 * torch.atan(0.5 / said.parameters.focal)) == pytest.approx(float(longer_side))
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("task.width=33", "squares of an even number of pixels"),
+        ("task.height=48", "squares of an even number of pixels"),
+        ("task.geometric_baselines=true", "geometric methods"),
+    ],
+)
+def test_a_canvas_is_an_even_square_without_geometric_methods(override, says):
+    with pytest.raises(UserError, match=says):
+        validate(to_plain(compose([*SMALL, override])))
