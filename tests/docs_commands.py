@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from sextant import cli
-from sextant.cli import claims, corruptions_make, dashboard, data, gallery, predict, report, train
+from sextant.cli import claims, corruptions_make, dashboard, data, gallery, predict, report, train, trajectory
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.cli.evaluate import split_run
@@ -170,6 +170,12 @@ def _compare(command: Command, words: list[str]) -> None:
     _among(command.text, "two runs", ["two runs"] if sum(word.startswith("run=") for word in words) == 2 else [])
 
 
+def _trajectory(command: Command, words: list[str]) -> None:
+    files = [word for word in words if "=" not in word]
+    _among(command.text, f"{len(files)} files", ["2 files"])
+    trajectory.TrajectoryOptions.parse([word for word in words if word not in files], command.text)
+
+
 def _dashboard(command: Command, words: list[str]) -> None:
     parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
@@ -189,6 +195,7 @@ VERBS = {
     "runs": _runs,
     "compare": _compare,
     "doctor": _doctor,
+    "trajectory": _trajectory,
     "dashboard": _dashboard,
 }
 

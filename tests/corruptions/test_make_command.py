@@ -146,7 +146,7 @@ def test_a_folder_that_cannot_be_written_to_is_told(make, tmp_path):
 def test_a_full_disk_is_told_before_and_during_the_work(make, monkeypatch):
     usage = type("Usage", (), {"free": 1000})
     with monkeypatch.context() as patch:
-        patch.setattr("sextant.cli.corruptions_make.shutil.disk_usage", lambda _: usage)
+        patch.setattr("sextant.lifecycle.corruption_files.shutil.disk_usage", lambda _: usage)
         status, said = make()
         assert (status, "needs 0.4 MB, 0.0 MB is free" in said) == (2, True)
 

@@ -69,6 +69,7 @@ NOT_RUN = {
     r"^sextant report .*html=": "as tests/reports/test_html_page.py",
     r"^sextant doctor": "as tests/cli/test_doctor.py and tests/runs/test_machine.py",
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
+    r"^sextant trajectory": "needs two trajectories; tests/cli/test_trajectory.py runs it on files of that kind",
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",
     r"^make (run|test|lint|lock|worlds-gallery)": "installs, or takes minutes",
     r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",

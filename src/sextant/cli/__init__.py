@@ -22,6 +22,7 @@ VERBS = {
     "data": ("sextant.cli.data", "list, render or verify the datasets that are rendered here"),
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
     "compare": ("sextant.cli.compare", "what two runs differ in, and whether seeds alone make their metrics differ so"),
+    "trajectory": ("sextant.cli.trajectory", "errors of an estimated trajectory: APE, RPE, KITTI's t_rel and r_rel"),
     "doctor": ("sextant.cli.doctor", "look at versions, data, runs and hardware; or check the geometry of calibration"),
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }

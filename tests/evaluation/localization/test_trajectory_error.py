@@ -8,10 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from sextant.errors import ArgumentError
 from sextant.evaluation.localization.trajectory_error import (
+    SEGMENTS_M,
     ErrorStatistics,
     absolute_errors,
     pooled_errors,
     relative_errors,
+    segment_errors,
 )
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max", "sse")
@@ -231,3 +233,36 @@ def test_runs_that_do_not_move_or_never_converged_are_not_aligned(span):
     found = pooled_errors(poses, np.where(np.isin(np.arange(200), range(*span))[:, None, None], poses, 9e9), [span])
     assert found.aligned.size == 0
     assert len(found.step) == max(span[1] - span[0] - 1, 0)
+
+
+def test_segments_are_those_of_the_definition():
+    """KITTI's errors, written as the benchmark defines them: one start and one length at a time."""
+    rng = np.random.default_rng(3)
+    truth = drive_in_space(rng, 700)
+    guess = drive_in_space(rng, 700)
+    expected = []
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1))])
+    for first in range(0, 700, 10):
+        for length in SEGMENTS_M:
+            later = [i for i in range(first, 700) if way[i] > way[first] + length]
+            if not later:
+                continue
+            moved = np.linalg.inv(truth[first]) @ truth[later[0]]
+            guessed = np.linalg.inv(guess[first]) @ guess[later[0]]
+            error = np.linalg.inv(guessed) @ moved
+            cosine = np.clip((np.trace(error[:3, :3]) - 1) / 2, -1, 1)
+            expected.append((np.linalg.norm(error[:3, 3]) / length, np.degrees(np.arccos(cosine)) / length))
+    shares, turns = segment_errors(truth, guess)
+    assert len(expected) > 200
+    np.testing.assert_allclose(np.sort(shares), np.sort([share for share, _ in expected]), rtol=1e-9)
+    np.testing.assert_allclose(np.sort(turns), np.sort([turn for _, turn in expected]), atol=1e-6)
+
+
+def drive_in_space(rng, count):
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for i in range(1, count):
+        step = np.eye(4)
+        step[:3, :3] = Rotation.from_rotvec(rng.normal(0, 0.02, 3)).as_matrix()
+        step[:3, 3] = rng.uniform(0.5, 1.5), 0, 0
+        poses[i] = poses[i - 1] @ step
+    return poses

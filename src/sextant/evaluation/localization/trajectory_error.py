@@ -33,6 +33,8 @@ Part = Literal["translation", "rotation_deg"]
 Spans = Sequence[tuple[int, int]]
 #: extent below which a run stands still, in the unit of its positions
 STILL = 1e-3
+#: lengths of KITTI's segments
+SEGMENTS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,40 @@ def relative_errors(
     motions = _between(truth[first], truth[second]), _between(guess[first], guess[second])
     errors = _between(*motions)
     return np.asarray(np.linalg.norm(errors[:, :-1, -1], axis=1)) if part == "translation" else _angle_deg(errors)
+
+
+def segment_errors(
+    reference: Poses, estimate: Poses, *, lengths_m: Sequence[float] = SEGMENTS_M, every: int = 10
+) -> tuple[Float[ndarray, " segments"], Float[ndarray, " segments"]]:
+    r"""KITTI's relative errors of segments: translation as a share, and rotation in degrees a metre.
+
+    From every tenth pose i, and for each length L, the segment ends at the first pose j whose path from i along the
+    reference is longer than L; both errors of :math:`(P_i^{-1} P_j)^{-1} (Q_i^{-1} Q_j)` are divided by L. Their means
+    are what KITTI calls t_rel (in per cent) and r_rel.
+
+    Args:
+        reference, estimate: poses of the same frames.
+        lengths_m: of the segments.
+        every: how many poses lie between two starts.
+
+    Returns:
+        Errors of all segments; none where the path is shorter than all lengths.
+
+    Raises:
+        ValueError: shapes differ.
+
+    Source: A. Geiger et al., "Are we ready for autonomous driving?", CVPR 2012, and the benchmark's definition.
+    """
+    truth, guess = _matrices(reference, estimate)
+    steps = np.linalg.norm(np.diff(truth[:, :-1, -1], axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    starts = np.arange(0, len(along), every)
+    first, length = (part.ravel() for part in np.meshgrid(starts, np.asarray(lengths_m, float), indexing="ij"))
+    last = np.searchsorted(along, along[first] + length, side="right")
+    kept = last < len(along)
+    first, last, length = first[kept], last[kept], length[kept]
+    errors = _between(_between(guess[first], guess[last]), _between(truth[first], truth[last]))
+    return np.asarray(np.linalg.norm(errors[:, :-1, -1], axis=1)) / length, _angle_deg(errors) / length
 
 
 @dataclass(frozen=True)

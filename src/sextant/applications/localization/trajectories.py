@@ -1,0 +1,193 @@
+"""An estimated trajectory against its reference, from files."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from numpy import ndarray
+
+from sextant.data.localization.pose_formats import read_tum_matrices
+from sextant.errors import ArgumentError, UserError
+from sextant.evaluation.localization.trajectory_error import (
+    Alignment,
+    ErrorStatistics,
+    absolute_errors,
+    align,
+    relative_errors,
+    segment_errors,
+)
+from sextant.worlds.trajectories import load_kitti_poses
+
+#: numbers in a line -> format
+COLUMNS = {8: "TUM", 12: "KITTI"}
+
+
+@dataclass(frozen=True)
+class SegmentErrors:
+    """KITTI's relative errors over segments of 100 to 800 m.
+
+    Attributes:
+        translation_percent: t_rel, mean share of the segments' lengths.
+        rotation_deg_per_100m: r_rel.
+        segments: how many there are.
+    """
+
+    translation_percent: float
+    rotation_deg_per_100m: float
+    segments: int
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryComparison:
+    """Errors of an estimate, absolute (APE) and relative (RPE), by the definitions of evo and KITTI.
+
+    Attributes:
+        reference, estimate: poses of the frames that both have, ``world_from_body``; the estimate as it is in its file.
+        reference_frames, estimate_frames: how many poses the files have.
+        length_m: of the reference's path through the frames of both.
+        absolute_m: APE in metres by alignment; without those that the positions leave open.
+        absolute_deg: APE of rotation in degrees, likewise.
+        relative_m, relative_deg: RPE from each frame to the next; None of a single frame.
+        segments: None where the path is shorter than 100 m.
+    """
+
+    reference: Float64[ndarray, "n 4 4"]
+    estimate: Float64[ndarray, "n 4 4"]
+    reference_frames: int
+    estimate_frames: int
+    length_m: float
+    absolute_m: dict[Alignment, ErrorStatistics]
+    absolute_deg: dict[Alignment, ErrorStatistics]
+    relative_m: ErrorStatistics | None
+    relative_deg: ErrorStatistics | None
+    segments: SegmentErrors | None
+
+    def aligned(self, alignment: Alignment) -> Float64[ndarray, "n 4 4"]:
+        """The estimate, moved as ``alignment`` allows.
+
+        Raises:
+            ArgumentError: the positions leave it open.
+        """
+        if alignment not in self.absolute_m:
+            raise ArgumentError(
+                f"alignment={alignment}: the positions lie on a line or in a point, which leaves a rotation open",
+                "alignment=none",
+            )
+        if alignment == "none":
+            return self.estimate
+        return align(self.reference, self.estimate, scaled=alignment == "similarity")
+
+    def facts(self) -> dict[str, Any]:
+        """All but the poses, as plain values."""
+        return {
+            "frames": len(self.reference),
+            "reference_frames": self.reference_frames,
+            "estimate_frames": self.estimate_frames,
+            "length_m": self.length_m,
+            "absolute_m": {name: asdict(found) for name, found in self.absolute_m.items()},
+            "absolute_deg": {name: asdict(found) for name, found in self.absolute_deg.items()},
+            "relative_m": self.relative_m and asdict(self.relative_m),
+            "relative_deg": self.relative_deg and asdict(self.relative_deg),
+            "segments": self.segments and asdict(self.segments),
+        }
+
+
+def compare_trajectories(
+    reference: Path | str, estimate: Path | str, *, max_gap_s: float = 0.01
+) -> TrajectoryComparison:
+    """Compare two files of poses, both in TUM's format (joined by nearest time) or both in KITTI's (by line).
+
+    Args:
+        reference, estimate: lines of ``timestamp tx ty tz qx qy qz qw``, or of the 12 numbers of a 3x4 matrix.
+        max_gap_s: poses whose times differ by more are not of one frame.
+
+    Raises:
+        ArgumentError: the gap is negative, or no frame is in both.
+        UserError: a file cannot be read, the formats differ, or files without times differ in length.
+
+    Example:
+        >>> found = compare_trajectories("poses/00.txt", "estimates/00_ORB.txt")  # doctest: +SKIP
+        >>> found.absolute_m["rigid"].rmse  # doctest: +SKIP
+    """
+    if not 0 <= max_gap_s < np.inf:
+        raise ArgumentError(f"max_gap_s={max_gap_s:g} must be 0 or more, and finite", "max_gap_s=0.01")
+    formats = {str(path): _format(path) for path in (reference, estimate)}
+    if len(set(formats.values())) > 1:
+        said = ", ".join(f"{path} is in {name}'s format" for path, name in formats.items())
+        raise UserError(f"one trajectory has times and the other has none: {said}", "Convert one of them.")
+    if "KITTI" in formats.values():
+        truth, guess = load_kitti_poses(reference), load_kitti_poses(estimate)
+        if len(truth) != len(guess):
+            raise UserError(
+                f"{reference} has {len(truth):,} poses and {estimate} {len(guess):,}; without times the i-th belongs "
+                "to the i-th",
+                "Give TUM's format, which has times, or complete the shorter file.",
+            )
+        return _compare(truth, guess, len(truth), len(guess))
+    (times, truth), (own_times, guess) = read_tum_matrices(reference), read_tum_matrices(estimate)
+    rows, own_rows = _joined(times, own_times, max_gap_s)
+    if not len(rows):
+        raise ArgumentError(
+            f"max_gap_s={max_gap_s:g}: no two poses are that close in time; {reference} covers {times[0]:.3f} to "
+            f"{times[-1]:.3f} s, {estimate} {own_times[0]:.3f} to {own_times[-1]:.3f} s",
+            "Give both the same clock, or a wider gap: max_gap_s=0.05",
+        )
+    return _compare(truth[rows], guess[own_rows], len(truth), len(guess))
+
+
+def _format(path: Path | str) -> str:
+    try:
+        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} cannot be read: {error}", "A file of poses, a line each.") from None
+    first = next((line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")), [])
+    if len(first) not in COLUMNS:
+        raise UserError(
+            f"{path}: {len(first)} numbers in its first line are no pose",
+            "8 a line: timestamp tx ty tz qx qy qz qw (TUM), or 12: the rows of a 3x4 matrix (KITTI).",
+        )
+    return COLUMNS[len(first)]
+
+
+def _joined(
+    times: Float64[ndarray, "n"], own: Float64[ndarray, "m"], max_gap_s: float
+) -> tuple[Int64[ndarray, "k"], Int64[ndarray, "k"]]:
+    """Rows of each that are nearest to each other in time, both ways."""
+    after = np.clip(np.searchsorted(times, own), 1, max(1, len(times) - 1))
+    before = after - 1
+    after = np.minimum(after, len(times) - 1)
+    nearest = np.where(np.abs(times[before] - own) <= np.abs(times[after] - own), before, after)
+    gaps = np.abs(times[nearest] - own)
+    best: dict[int, int] = {}
+    for row, reference in enumerate(nearest.tolist()):
+        if gaps[row] <= max_gap_s and (reference not in best or gaps[row] < gaps[best[reference]]):
+            best[reference] = row
+    return np.array(list(best), np.int64), np.array(list(best.values()), np.int64)
+
+
+def _compare(
+    truth: Float64[ndarray, "n 4 4"], guess: Float64[ndarray, "n 4 4"], count: int, own_count: int
+) -> TrajectoryComparison:
+    alignments: tuple[Alignment, ...] = ("none", "rigid", "similarity")
+    metres, degrees = dict[Alignment, ErrorStatistics](), dict[Alignment, ErrorStatistics]()
+    for alignment in alignments:
+        try:
+            metres[alignment] = ErrorStatistics.of(absolute_errors(truth, guess, alignment=alignment))
+        except ValueError:
+            continue
+        turned = absolute_errors(truth, guess, alignment=alignment, part="rotation_deg")
+        degrees[alignment] = ErrorStatistics.of(turned)
+    relative = relative_deg = None
+    if len(truth) > 1:
+        relative = ErrorStatistics.of(relative_errors(truth, guess))
+        relative_deg = ErrorStatistics.of(relative_errors(truth, guess, part="rotation_deg"))
+    shares, turns = segment_errors(truth, guess)
+    segments = (
+        SegmentErrors(100 * float(shares.mean()), 100 * float(turns.mean()), len(shares)) if len(shares) else None
+    )
+    length = float(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1).sum())
+    return TrajectoryComparison(
+        truth, guess, count, own_count, length, metres, degrees, relative, relative_deg, segments
+    )

@@ -1,0 +1,67 @@
+"""``sextant trajectory``: an estimated trajectory against its reference."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+from rich.table import Table
+
+from sextant.cli.arguments import Options, UserPath
+from sextant.cli.console import console
+from sextant.errors import UserError
+
+USAGE = (
+    "sextant trajectory <reference> <estimate> [max_gap_s=0.01] [figure=plan.png] [alignment=rigid] [json=errors.json]"
+)
+
+
+class TrajectoryOptions(Options):
+    """What the user chose, beside the two files (TUM or KITTI)."""
+
+    max_gap_s: float = Field(0.01, ge=0)
+    """poses of TUM files whose times differ by more are not of one frame"""
+    figure: UserPath | None = None
+    """a picture of both from above (.png, .svg or .pdf)"""
+    alignment: Literal["none", "rigid", "similarity"] = "none"
+    """what the estimate is moved by in the picture"""
+    json_file: UserPath | None = Field(None, alias="json")
+    """a file for all the statistics"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Show absolute and relative errors by the definitions of evo and of KITTI."""
+    files = [argument for argument in arguments if "=" not in argument and argument not in ("-h", "--help")]
+    options = TrajectoryOptions.parse([argument for argument in arguments if argument not in files], USAGE)
+    if len(files) != 2:
+        raise UserError(f"trajectory needs two files, got {len(files)}", USAGE)
+
+    from sextant.applications.localization.trajectories import compare_trajectories
+    from sextant.atomic_files import write_json
+
+    found = compare_trajectories(files[0], files[1], max_gap_s=options.max_gap_s)
+    console.print(
+        f"{len(found.reference):,} frames in both, of {found.reference_frames:,} and {found.estimate_frames:,}; "
+        f"{found.length_m:,.1f} m"
+    )
+    table = Table("error", "", "rmse", "mean", "median", "max")
+    rows = [(f"APE, alignment {name}", "m", each) for name, each in found.absolute_m.items()]
+    rows += [(f"APE, alignment {name}", "deg", each) for name, each in found.absolute_deg.items()]
+    relative = (("m", found.relative_m), ("deg", found.relative_deg))
+    rows += [("RPE, frame to frame", unit, each) for unit, each in relative if each]
+    for name, unit, each in rows:
+        table.add_row(name, unit, *(f"{value:.4g}" for value in (each.rmse, each.mean, each.median, each.max)))
+    console.print(table)
+    if found.segments:
+        shown, turned = found.segments.translation_percent, found.segments.rotation_deg_per_100m
+        told = f"t_rel {shown:.3g} %, r_rel {turned:.3g} deg/100 m"
+        console.print(f"KITTI: {told} ({found.segments.segments:,} segments of 100 to 800 m)")
+    if options.json_file:
+        write_json(options.json_file, found.facts())
+    if options.figure:
+        from sextant.figures.localization.trajectory_plan import trajectory_plan
+        from sextant.figures.style import save_figure
+
+        path = Path(options.figure)
+        figure = trajectory_plan(found.reference[:, :3, 3], found.aligned(options.alignment)[:, :3, 3])
+        save_figure(figure, path.parent, path.stem, (path.suffix[1:] or "png",))

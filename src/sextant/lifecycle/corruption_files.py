@@ -1,0 +1,187 @@
+"""Files of corrupted images in the layout of CIFAR-10-C, of a dataset or of a file of images."""
+
+import errno
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from filelock import FileLock, Timeout
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant import __version__
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import groups
+from sextant.config import validate
+from sextant.corruptions import benchmark_set, making
+from sextant.corruptions.benchmark_corruption import Mode
+from sextant.data.source import ImageSource
+from sextant.errors import UserError
+from sextant.recipes.assemble import build_dataset
+from sextant.reporter import SILENT, Reporter
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+@dataclass(frozen=True)
+class MadeCorruptions:
+    """What :func:`make_corruptions` did.
+
+    Attributes:
+        shape: of the clean images.
+        made, kept: how many corruptions were written, and how many were there already.
+        seconds: it took.
+    """
+
+    shape: tuple[int, ...]
+    made: int
+    kept: int
+    seconds: float
+
+
+def make_corruptions(
+    benchmark: str,
+    images: str,
+    output: Path,
+    *,
+    names: Sequence[str] = (),
+    severities: Sequence[int] = (),
+    seed: int = 0,
+    mode: Mode = "faithful",
+    labels: str | None = None,
+    device: str = "cpu",
+    reporter: Reporter = SILENT,
+) -> MadeCorruptions:
+    """Write a file for each corruption of a benchmark set; those that are there and whole are kept.
+
+    Args:
+        benchmark: whose parameters: cifar10_c, mnist_c or imagenet_c.
+        images: a dataset of labelled images, of which the test split is taken, or a ``.npy`` file of uint8
+            (n, h, w[, c]).
+        output: folder of the files.
+        names: corruptions or groups of them; all unless given.
+        severities: of 1 to 5; the published ones unless given.
+        seed: of all random draws.
+        mode: faithful to the authors' code, or corrected.
+        labels: a ``.npy`` file of n labels to write beside the images; those of the dataset unless given.
+        device: where to compute.
+        reporter: listens.
+
+    Raises:
+        UserError: an argument is wrong, the input cannot be read, or the output cannot be written.
+        KeyboardInterrupt: corruptions that are done are kept, and the same call resumes.
+    """
+    _check_device(device)
+    chosen = benchmark_set(benchmark).build(list(names) or None, list(severities) or None, mode)
+    found, found_labels = read_input(images, labels)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        with FileLock(output / ".lock", timeout=0):
+            recipe = making.Recipe(benchmark, mode, seed, making.images_digest(found), __version__)
+            return _make(output, recipe, chosen, found, found_labels, device, reporter)
+    except Timeout:
+        raise UserError(f"another process is writing to {output}", "Wait for it, or choose another output=") from None
+    except OSError as error:
+        raise _disk_error(output, error) from None
+
+
+def _make(
+    folder: Path,
+    recipe: making.Recipe,
+    chosen: making.Corruptions,
+    images: UInt8[ndarray, "n ..."],
+    labels: "ndarray | None",
+    device: str,
+    reporter: Reporter,
+) -> MadeCorruptions:
+    making.begin(folder, recipe, chosen)
+    remaining, began = making.missing(folder, chosen, images), time.monotonic()
+    if (needed := sum(remaining.values())) > (free := shutil.disk_usage(folder).free):
+        raise UserError(
+            f"{folder} needs {_megabytes(needed)}, {_megabytes(free)} is free",
+            "Free some space, choose another output=, or fewer names= or severities=",
+        )
+    if labels is not None:
+        _write_labels(folder, chosen, labels, reporter)
+    total, done = needed // images[0].size, 0
+    with reporter.progress("corrupting", "images") as progress:
+
+        def advance(count: int) -> None:
+            nonlocal done
+            done += count
+            progress(done, total)
+
+        for name, size in remaining.items():
+            making.write_corruption(folder / f"{name}.npy", chosen[name], images, recipe, device, advance)
+            reporter.say(f"{name}.npy: {_megabytes(size)}")
+    if "frost" in chosen:
+        reporter.say("frost has textures drawn here: errors under it do not compare with published ones")
+    kept = len(chosen) - len(remaining)
+    return MadeCorruptions(images.shape, len(remaining), kept, time.monotonic() - began)
+
+
+def _write_labels(folder: Path, chosen: making.Corruptions, labels: ndarray, reporter: Reporter) -> None:
+    """Write them as often as the files have severities, if all have equally many."""
+    counts = {len(corruption.levels) for corruption in chosen.values()}
+    if len(counts) > 1:
+        reporter.say("labels.npy is for one severity: the corruptions chosen have different numbers of severities")
+    making.write_labels(folder, labels, counts.pop() if len(counts) == 1 else 1)
+
+
+def _check_device(name: str) -> None:
+    import torch
+
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise UserError(
+            f"device={name} cannot be used: {str(error).splitlines()[0]}", "device=cpu always can."
+        ) from None
+
+
+def read_input(name: str, labels: str | None) -> tuple[UInt8[ndarray, "n ..."], "ndarray | None"]:
+    """Images ``(n, h, w[, c])``, and labels if there are any.
+
+    Args:
+        name: a ``.npy`` file of images, or a dataset of labelled images, of which the test split is taken.
+        labels: a ``.npy`` file of n labels; None for those of the dataset.
+
+    Raises:
+        UserError: there is no such file or dataset, or it is not of this kind.
+    """
+    found: Any
+    if Path(name).suffix == ".npy":
+        images, found = making.check_images(making.read_array(Path(name), f"input={name}"), f"input={name}"), None
+    else:
+        images, found = _of_dataset(name)
+    if labels is not None:
+        found = making.read_array(Path(labels), f"labels={labels}")
+    return images, None if found is None else making.check_labels(found, f"labels={labels}", len(images))
+
+
+def _of_dataset(name: str) -> tuple[UInt8[ndarray, "n h w c"], ndarray]:
+    known = groups()["dataset"]
+    if name not in known:
+        raise UserError(f"input={name} is neither a .npy file nor a dataset", f"Datasets: {', '.join(known)}")
+    source = build_dataset(validate(to_plain(compose([f"dataset={name}"]))))
+    if not isinstance(source, ImageSource):
+        raise UserError(f"input={name} is not a dataset of labelled images", "For example input=cifar10")
+    split = source.read("test")
+    return np.ascontiguousarray(split.images.transpose(0, 2, 3, 1)), split.labels
+
+
+def _disk_error(folder: Path, error: OSError) -> UserError:
+    if error.errno in FULL:
+        return UserError(
+            f"the disk is full: {folder} cannot hold more",
+            "Finished corruptions are kept. Free some space and repeat the command: it resumes.",
+        )
+    return UserError(f"{folder} cannot be written to: {error.strerror or error}", "Choose another output=")
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:,.1f} MB"

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sextant.applications.localization.trajectories import compare_trajectories
+from sextant.errors import UserError
+
+
+def poses_along(count, seed=0):
+    """A drive in space, a metre a frame, that turns."""
+    rng = np.random.default_rng(seed)
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for i in range(1, count):
+        step = np.eye(4)
+        step[:3, :3] = Rotation.from_rotvec(rng.normal(0, 0.05, 3)).as_matrix()
+        step[:3, 3] = 1, 0, 0
+        poses[i] = poses[i - 1] @ step
+    return poses
+
+
+def write_tum_file(path, times, poses):
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    np.savetxt(path, np.column_stack([times, poses[:, :3, 3], quaternions]), fmt="%.9f", header="timestamp ...")
+    return path
+
+
+def write_kitti_file(path, poses):
+    np.savetxt(path, poses[:, :3].reshape(-1, 12), fmt="%.9e")
+    return path
+
+
+def test_frames_are_joined_by_time_and_a_rigid_motion_is_aligned_away(tmp_path):
+    poses, times = poses_along(150), np.arange(150) / 10
+    reference = write_tum_file(tmp_path / "a.tum", times, poses)
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = Rotation.from_rotvec([0.1, 0.2, 0.7]).as_matrix(), (5, -3, 1)
+    kept = np.setdiff1d(np.arange(150), [0, 40, 41, 149])
+    estimate = write_tum_file(tmp_path / "b.tum", times[kept] + 0.004, (motion @ poses)[kept])
+    found = compare_trajectories(reference, estimate)
+    assert (len(found.reference), found.reference_frames, found.estimate_frames) == (146, 150, 146)
+    assert found.absolute_m["none"].mean > 3
+    assert found.absolute_m["rigid"].max < 1e-6
+    assert found.absolute_deg["rigid"].max < 1e-4
+    assert found.relative_m.max < 1e-6
+    assert found.segments.translation_percent < 1e-6
+    assert np.allclose(found.aligned("rigid"), found.reference, atol=1e-6)
+
+
+def test_a_pose_is_joined_once_to_the_nearest(tmp_path):
+    poses = poses_along(4)
+    reference = write_tum_file(tmp_path / "a.tum", np.array([0.0, 1.0, 2.0, 3.0]), poses)
+    estimate = write_tum_file(tmp_path / "b.tum", np.array([0.9, 0.98, 1.05, 2.5]), poses)
+    found = compare_trajectories(reference, estimate, max_gap_s=0.2)
+    assert len(found.reference) == 1
+    assert np.allclose(found.estimate[0], poses[1], atol=1e-6)
+    assert found.relative_m is None
+
+
+def test_a_straight_line_has_no_alignment_and_says_so(tmp_path):
+    poses = np.tile(np.eye(4), (120, 1, 1))
+    poses[:, 2, 3] = np.arange(120)
+    reference = write_kitti_file(tmp_path / "a.txt", poses)
+    longer = poses.copy()
+    longer[:, 2, 3] *= 1.02
+    found = compare_trajectories(reference, write_kitti_file(tmp_path / "b.txt", longer))
+    assert list(found.absolute_m) == ["none"]
+    assert found.length_m == pytest.approx(119)
+    assert found.segments.translation_percent == pytest.approx(2 * 101 / 100)  # KITTI's segment ends after its length
+    assert found.segments.segments == 2
+    with pytest.raises(UserError, match="alignment=rigid: the positions lie on a line"):
+        found.aligned("rigid")
+
+
+@pytest.mark.parametrize(
+    ("write", "said"),
+    [
+        (lambda folder, poses: (folder / "b.txt").write_text("1 2 3\n"), "3 numbers in its first line are no pose"),
+        (lambda folder, poses: None, "b.txt cannot be read"),
+        (lambda folder, poses: write_kitti_file(folder / "b.txt", poses[:-1]), "20 poses and .* 19; without times"),
+        (
+            lambda folder, poses: write_tum_file(folder / "b.txt", np.arange(20.0), poses),
+            "times and the other has none",
+        ),
+    ],
+)
+def test_files_that_do_not_go_together(write, said, tmp_path):
+    poses = poses_along(20)
+    reference = write_kitti_file(tmp_path / "a.txt", poses)
+    write(tmp_path, poses)
+    with pytest.raises(UserError, match=said):
+        compare_trajectories(reference, tmp_path / "b.txt")
+
+
+def test_clocks_that_never_meet(tmp_path):
+    poses = poses_along(5)
+    first = write_tum_file(tmp_path / "a.tum", np.arange(5.0), poses)
+    second = write_tum_file(tmp_path / "b.tum", np.arange(5.0) + 1e6, poses)
+    with pytest.raises(UserError, match=r"max_gap_s=0.01: no two poses are that close in time; .* 0.000 to 4.000 s"):
+        compare_trajectories(first, second)
+    with pytest.raises(UserError, match="max_gap_s=-1 must be 0 or more"):
+        compare_trajectories(first, second, max_gap_s=-1)
+
+
+@pytest.mark.real_data
+def test_a_real_estimate_has_its_published_errors(real_data):
+    """ORB-SLAM2 (Mur-Artal & Tardos, T-RO 2017, table I): t_rel 0.70 %, r_rel 0.25 deg/100 m, RMSE 1.3 m."""
+    found = compare_trajectories(real_data / "kitti/poses/00.txt", real_data / "kitti/estimates/00_ORB.txt")
+    assert found.segments.translation_percent == pytest.approx(0.70, abs=0.005)
+    assert found.segments.rotation_deg_per_100m == pytest.approx(0.25, abs=0.005)
+    assert found.absolute_m["rigid"].rmse == pytest.approx(1.3, abs=0.05)

@@ -1,0 +1,47 @@
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sextant.cli import run
+from sextant.data.localization.pose_formats import write_tum
+
+
+@pytest.fixture
+def files(tmp_path):
+    times = np.arange(200) / 10
+    poses = np.column_stack([20 * np.cos(times), 20 * np.sin(times), times])
+    write_tum(tmp_path / "reference.tum", times, poses)
+    write_tum(tmp_path / "estimate.tum", times, poses + np.array([0.3, -0.4, 0.01]))
+    return [str(tmp_path / "reference.tum"), str(tmp_path / "estimate.tum")]
+
+
+def test_errors_picture_and_numbers(files, tmp_path, capsys):
+    run(
+        "trajectory", [*files, f"figure={tmp_path / 'plan.png'}", "alignment=rigid", f"json={tmp_path / 'errors.json'}"]
+    )
+    said = capsys.readouterr().out
+    assert "200 frames in both, of 200 and 200" in said
+    assert "APE, alignment none" in said
+    assert "KITTI: t_rel" in said
+    found = json.loads(numbers.read_text())
+    assert found["absolute_m"]["none"]["rmse"] == pytest.approx(0.5)
+    assert found["absolute_m"]["rigid"]["rmse"] == pytest.approx(0, abs=1e-9)
+    with Image.open(picture) as drawn:
+        assert drawn.width > 800
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "trajectory needs two files, got 0"),
+        (["alignment=best"], "alignment=best must be one of none, rigid, similarity"),
+        (["max_gap=1"], "max_gap=1: unknown key"),
+    ],
+)
+def test_mistakes_are_one_message(arguments, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        run("trajectory", arguments)
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
