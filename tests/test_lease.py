@@ -5,7 +5,9 @@ import multiprocessing
 import os
 import random
 import signal
+import threading
 import time
+from dataclasses import asdict
 
 import pytest
 
@@ -90,10 +92,50 @@ def test_a_process_id_that_came_round_again_does_not_hold_it(tmp_path):
 
 def test_a_damaged_lease_is_held_by_nobody(tmp_path):
     (tmp_path / "7").write_text("{")
+    grown_old(tmp_path / "7", 2 * module.WRITING_S)
     lease = take(tmp_path)
     assert isinstance(lease, Lease)
     assert lease.path.name == "8"
     lease.release()
+
+
+def test_a_lease_that_is_still_being_written_is_waited_for(tmp_path, monkeypatch):
+    slow, looked = tmp_path / "1", threading.Event()
+    slow.touch()  # as a disk without hard links shows it, before its content
+
+    def write(seconds):
+        if not looked.is_set():
+            holder = Holder("another", "another host", 1, "1", LEASE_S)
+            slow.write_text(json.dumps(asdict(holder)))
+            looked.set()
+
+    monkeypatch.setattr(module.time, "sleep", write)
+    assert take(tmp_path).host == "another"
+    assert looked.is_set()
+
+
+def test_without_proc_a_process_that_died_frees_it_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "PROC", tmp_path / "proc")
+    monkeypatch.setattr(module, "_place", module._place.__wrapped__)  # which keeps what it read before
+    held = SPAWN.Event()
+    process = SPAWN.Process(target=take_without_proc, args=(tmp_path, held))
+    process.start()
+    assert held.wait(30)
+    assert look(tmp_path / "lease")[1]
+    process.kill()
+    while look(tmp_path / "lease")[1]:  # it is a zombie until it is joined
+        process.is_alive()
+    lease = take(tmp_path / "lease")
+    assert isinstance(lease, Lease)
+    lease.release()
+
+
+def take_without_proc(folder, held):
+    module.PROC = folder / "proc"
+    module._place.cache_clear()
+    take(folder / "lease", LEASE_S)
+    held.set()
+    signal.pause()
 
 
 def test_a_lease_that_cannot_be_read_is_not_taken(tmp_path, monkeypatch):

@@ -4,6 +4,8 @@ A lease is a file, numbered; the highest number holds. It is made by linking a f
 process can do, over NFS too, where file locks may not reach other hosts. Who holds it touches it now and then. It is
 free once it is deleted, once its process has died, if that ran on this host, or once it was not touched for as long as
 it says: both times are the disk's, no host's clock is asked.
+
+Not flufl.lock: its locks expire by the hosts' clocks, nothing touches them by itself, and they need hard links.
 """
 
 import ctypes
@@ -11,7 +13,9 @@ import errno
 import json
 import os
 import socket
+import subprocess
 import threading
+import time
 import uuid
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -21,8 +25,13 @@ from pathlib import Path
 #: for how long a lease that is not touched is believed, in seconds
 LEASE_S = 60.0
 BEATS = 6  # within that time
+#: for how long a file that cannot be understood may still be being written, in seconds
+WRITING_S = 5.0
+POLL_S = 0.05
 #: of a file that another host has deleted
 GONE = (errno.ENOENT, errno.ESTALE)
+PROC = Path("/proc")  # of Linux
+ONE_TIME = {"LC_ALL": "C", "TZ": "UTC"}  # so that two processes read the same time as the same words
 NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
 
 
@@ -151,24 +160,38 @@ def _latest(folder: Path) -> tuple[int, Holder | None]:
     """The highest number, 0 for none, and who made it."""
     for number in reversed(_numbers(folder)):
         try:
-            return number, Holder(**json.loads((folder / str(number)).read_text()))
-        except (ValueError, TypeError):  # damaged: it can be held by nobody
-            return number, None
+            return number, _read(folder / str(number))
         except OSError as error:  # given back meanwhile; what cannot be read for another reason may well be held
             if error.errno not in GONE:
                 raise
     return 0, None
 
 
+def _read(file: Path) -> Holder | None:
+    """Who made a file; None if it is damaged, and so held by nobody."""
+    while True:
+        try:
+            return Holder(**json.loads(file.read_text()))
+        except (ValueError, TypeError):
+            if _silent_s(file) > WRITING_S:
+                return None
+        time.sleep(POLL_S)
+
+
 def _alive(file: Path, holder: Holder) -> bool:
     if holder.here:
         return _began(holder.process) == holder.began
     try:
-        with file.open() as opened:  # NFS asks the server how old it is when a file is opened
-            touched = os.fstat(opened.fileno()).st_mtime
+        return _silent_s(file) < holder.lease_s
     except FileNotFoundError:
         return False
-    return _disk_time(file.parent) - touched < holder.lease_s
+
+
+def _silent_s(file: Path) -> float:
+    """For how long nobody has touched a file."""
+    with file.open() as opened:  # NFS asks the server how old it is when a file is opened
+        touched = os.fstat(opened.fileno()).st_mtime
+    return _disk_time(file.parent) - touched
 
 
 def _disk_time(folder: Path) -> float:
@@ -206,16 +229,26 @@ def _made(path: Path, holder: Holder) -> bool:
 def _place() -> str:
     """What tells apart hosts, and containers on a host, whose process ids mean different processes."""
     try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        return f"{boot} {os.readlink('/proc/self/ns/pid')}"
+        boot = (PROC / "sys/kernel/random/boot_id").read_text().strip()
+        return f"{boot} {os.readlink(PROC / 'self/ns/pid')}"
     except OSError:
         return socket.gethostname()
 
 
 def _began(process: int) -> str:
     """When a process of this host began; empty if it has ended."""
+    if not PROC.is_dir():
+        return _began_by_ps(process)
     try:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        fields = (PROC / str(process) / "stat").read_text().rpartition(")")[2].split()
     except OSError:
         return ""
     return "" if fields[0] in "ZX" else fields[19]
+
+
+def _began_by_ps(process: int) -> str:
+    """The same on macOS and the BSDs."""
+    command = ["ps", "-o", "stat=,lstart=", "-p", str(process)]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **ONE_TIME})
+    state, _, began = said.stdout.strip().partition(" ")
+    return "" if state.startswith("Z") else began.strip()

@@ -2,6 +2,7 @@
 
 import re
 import threading
+from pathlib import Path
 
 import pytest
 from support import quick_config
@@ -9,12 +10,14 @@ from support import quick_config
 from sextant import cli
 from sextant.atomic_files import write_json
 from sextant.composing.compose import compose, to_plain
+from sextant.composing.config_files import own_configs
 from sextant.config import digest, validate
 from sextant.errors import UserError
-from sextant.lease import Lease, take
+from sextant.lease import take
 from sextant.lifecycle import launchers
-from sextant.lifecycle.launchers import CellTask, launch, require_launcher
+from sextant.lifecycle.launchers import CellTask, launch, processes, require_launcher
 from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, submissions
+from sextant.lifecycle.run_reporter import SILENT_RUN
 from sextant.lifecycle.sweep import dry_run, run_sweep
 from sextant.lifecycle.sweep_status import sweep_status
 from sextant.runs.directory import RunDirectory
@@ -116,6 +119,28 @@ def test_a_dry_run_prints_what_sbatch_would_get_and_writes_nothing(tmp_path, slu
     assert dry_run(["seed=0,1", "launcher=local", f"paths.outputs={outputs}"])[1] == ""
 
 
+def test_a_process_that_is_killed_ends_its_own_run_alone(tmp_path, monkeypatch):
+    def work(words, runs):
+        import os
+        import signal
+        from pathlib import Path
+
+        name = words[0]
+        with Path(tmp_path, name).open("a") as file:
+            file.write("x")
+        if name == "twice" or (name == "once" and Path(tmp_path, name).read_text() == "x"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return {"status": "finished", "message": name}
+
+    monkeypatch.setattr(processes, "_in_worker", work)
+    names = ["a", "twice", "once", "b"]
+    outcomes = processes.run_in_processes([CellTask((name,), tmp_path / name) for name in names], 2, SILENT_RUN)
+    assert [outcome["status"] for outcome in outcomes] == ["finished", "failed", "finished", "finished"]
+    assert [outcome["message"] for outcome in (outcomes[0], *outcomes[2:])] == ["a", "once", "b"]
+    assert re.match(r"its process died 2 times \(SIGKILL", outcomes[1]["message"])
+    assert [Path(tmp_path, name).read_text() for name in names] == ["x", "xx", "xx", "x"]
+
+
 def test_tasks_that_vanish_are_submitted_again_and_then_given_up(tmp_path, slurm):
     (good, bad), folder = cells(tmp_path, 2), tmp_path / "sweeps" / "one"
     finish(good.run)
@@ -132,39 +157,119 @@ def test_what_waits_in_the_queue_is_not_submitted_again_and_what_is_cancelled_en
     both, folder = cells(tmp_path, 2), tmp_path / "sweeps" / "one"
     assert launch(both, config(tmp_path, *SLURM, "launcher.wait=false"), folder) == [None, None]
     (submission,) = submissions(folder)
-    (slurm / "queue").write_text(f"{submission.name}|1|7|PENDING|(Resources)\n{submission.name}|0|7|COMPLETING|n1\n")
-    assert read_queue()[submission.name, 1].job == "7_1"
+    (slurm / "queue").write_text(
+        f"{submission.name}|1|7|PENDING|0|(Resources)\n{submission.name}|0|7|COMPLETING|0|n1\n"
+    )
+    assert read_queue()[name, 1].job == "7_1"
     assert launch(both, config(tmp_path, *SLURM, "launcher.wait=false"), folder) == [None, None]
     assert [submission.tasks for submission in submissions(folder)] == [[[c.name] for c in both], [[both[0].name]]]
     assert cancel_all(folder) == 1
     assert (slurm / "cancelled").read_text() == "7_1\n"
 
 
-def test_the_task_of_a_node_that_is_silent_is_cancelled_and_submitted_elsewhere(tmp_path, slurm, monkeypatch):
+@pytest.fixture
+def dead_elsewhere(monkeypatch):
+    """Leave the lease of a process of another host, which has died with it."""
+
+    def leave(folder):
+        with monkeypatch.context() as patch:
+            patch.setattr("sextant.lease._place", lambda: "another host")
+            lease = take(folder, 0.01)
+            lease._released.set()
+            lease._thread.join()
+
+    return leave
+
+
+@pytest.fixture
+def waiting(tmp_path, slurm):
+    """Start to wait for cells in a thread; returns it, and the submission once there is one."""
+    threads = []
+
+    def start(cells, folder, *overrides):
+        given = config(tmp_path, *SLURM, *overrides)
+        thread = threading.Thread(target=launch, args=(cells, given, folder), daemon=True)
+        thread.start()
+        while not (slurm / "submitted").exists():
+            thread.join(0.01)
+        threads.append((cells, thread))
+        return thread, submissions(folder)[-1]
+
+    yield start
+    for cells_left, thread in threads:
+        for cell in cells_left:
+            if not RunDirectory(cell.run).metrics.exists():
+                finish(cell.run)
+        thread.join(30)
+        assert not thread.is_alive()
+
+
+def test_the_task_of_a_node_that_is_silent_is_cancelled_and_submitted_elsewhere(
+    tmp_path, slurm, dead_elsewhere, waiting
+):
     (cell,), folder = cells(tmp_path, 1), tmp_path / "sweeps" / "one"
-    place = cell.run.parent / ".locks" / cell.run.name
-    with monkeypatch.context() as patch:  # a process of another host, which has died with it
-        patch.setattr("sextant.lease._place", lambda: "another host")
-        lease = take(place, 0.01)
-        lease._released.set()
-    waiting = threading.Thread(
-        target=launch, args=([cell], config(tmp_path, *SLURM, "launcher.attempts=3"), folder), daemon=True
-    )
-    waiting.start()
-    while not (slurm / "submitted").exists():
-        waiting.join(0.01)
-    (submission,) = submissions(folder)
-    (slurm / "queue").write_text(f"{submission.name}|N/A|7|RUNNING|n1\n")
+    thread, submission = waiting([cell], folder, "launcher.attempts=3")
+    dead_elsewhere(submission.alive(0) / "1")
+    (slurm / "queue").write_text(f"{submission.name}|N/A|7|RUNNING|1|n1\n")
     while len(submissions(folder)) < 2:
-        waiting.join(0.01)
-        assert waiting.is_alive()
+        thread.join(0.01)
+        assert thread.is_alive()
     assert "7" in (slurm / "cancelled").read_text().split()
-    taken = take(place)
-    assert isinstance(taken, Lease)
-    taken.release()
-    finish(cell.run)
-    waiting.join(30)
-    assert not waiting.is_alive()
+
+
+def test_a_task_that_starts_anew_or_is_at_another_run_is_not_taken_for_silent(tmp_path, slurm, dead_elsewhere, waiting):
+    (started, behind), folder = cells(tmp_path, 2), tmp_path / "sweeps" / "one"
+    for cell in (started, behind):  # begun before, by processes that died
+        dead_elsewhere(cell.run.parent / ".locks" / cell.run.name)
+    thread, submission = waiting([started, behind], folder, "launcher.cells_per_task=2")
+    dead_elsewhere(submission.alive(0) / "0")  # its first start died; the second has yet to give a sign of life
+    asked = slurm / "asked"
+    (slurm / "squeue").write_text(f"#!/bin/sh\necho x >> {asked}\ncat {slurm}/queue\n")
+    (slurm / "queue").write_text(f"{submission.name}|N/A|7|RUNNING|1|n1\n")
+    lease, before = None, 0
+    for _ in range(2):
+        while not asked.exists() or asked.read_text().count("x") < before + 4:  # more than lease_s apart
+            thread.join(0.01)
+            assert thread.is_alive()
+        before = asked.read_text().count("x")
+        lease = lease or take(submission.alive(0) / "1", 60)
+    lease.release()
+    assert not (slurm / "cancelled").exists()
+    assert len(submissions(folder)) == 1
+
+
+def test_a_failed_run_whose_task_is_at_another_is_submitted_again_when_asked(tmp_path, slurm):
+    (bad, slow), folder = cells(tmp_path, 2), tmp_path / "sweeps" / "one"
+    leave = config(tmp_path, *SLURM, "launcher.wait=false", "launcher.cells_per_task=2")
+    launch([bad, slow], leave, folder)
+    (submission,) = submissions(folder)
+    (slurm / "queue").write_text(f"{submission.name}|N/A|7|RUNNING|0|n1\n")
+    write_json(folder / "outcomes" / f"{bad.run.parent.name}-{bad.run.name}.json", {"status": "failed", "message": "x"})
+    launch([bad, slow], leave, folder)
+    assert [submission.tasks for submission in submissions(folder)] == [[[bad.name, slow.name]], [[bad.name]]]
+    launch([bad, slow], leave, folder)  # that waits in the queue now
+    (slurm / "queue").write_text("".join(f"{each.name}|N/A|7|RUNNING|0|n1\n" for each in submissions(folder)))
+    launch([bad, slow], leave, folder)
+    assert len(submissions(folder)) == 3
+
+
+def test_attaching_knows_the_folder_of_ones_own_config_files(tmp_path, monkeypatch):
+    (tmp_path / "own" / "trainer").mkdir(parents=True)
+    (tmp_path / "own" / "trainer" / "mine.yaml").write_text("defaults: [fast, _self_]\nmax_epochs: 1\n")
+    given = ["trainer=mine", "seed=0,1", "tracking=none", f"paths.outputs={tmp_path}"]
+
+    planned = []
+
+    def launch_none(cells, *_):
+        planned.append({cell.run for cell in cells})
+        return [None] * len(cells)
+
+    monkeypatch.setattr("sextant.lifecycle.sweep.launch", launch_none)
+    with own_configs(tmp_path / "own"):
+        run_sweep(given)
+    cli.run("sweep", ["attach", "sweep", f"outputs={tmp_path}"])
+    assert planned[0] == planned[1]
+    assert len(planned[0]) == 2
 
 
 def test_the_status_of_a_sweep_says_what_each_run_is_at(tmp_path):

@@ -10,6 +10,7 @@ from rich.table import Table
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.console import console
 from sextant.cli.terminal import TERMINAL
+from sextant.composing.config_files import own_configs, without_folder
 from sextant.errors import UserError
 from sextant.lifecycle import sweep
 from sextant.lifecycle.search.run import sweep_or_search
@@ -88,7 +89,9 @@ def _status(directory: Path) -> None:
 def _attach(directory: Path) -> None:
     from sextant.runs.sweep_directory import read_plan
 
-    run_sweep(read_plan(directory).command, wait=True)
+    overrides, folder = without_folder(read_plan(directory).command)
+    with own_configs(folder):
+        run_sweep(overrides, wait=True)
 
 
 def _cancel(directory: Path) -> None:

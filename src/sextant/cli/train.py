@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from sextant.cli.console import reporting_mistakes
 from sextant.cli.terminal import TERMINAL
 from sextant.composing.compose import compose, register_resolvers, to_plain
-from sextant.composing.config_files import own_configs
+from sextant.composing.config_files import own_configs, without_folder
 from sextant.errors import UserError
 from sextant.lifecycle.checks import checked, preflight
 from sextant.runs.outputs_folder import conf_dir
@@ -22,15 +22,13 @@ ONLY_PRINT = ("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--inf
 
 #: those of them that print the config of a run, which has to be one that would be run
 PRINT_CONFIG = ("--cfg", "-c")
-#: the flag that names a folder of config files of one's own
-CONFIG_DIR = ("--config-dir", "-cd")
 
 
 def main(arguments: Sequence[str]) -> None:
     """Check everything that can be checked lightly, then hand over to Hydra."""
     quiet_libraries()
     register_resolvers()
-    words, folder = _without_config_dir(arguments)
+    words, folder = without_folder(arguments)
     if any(word in MULTIRUN for word in words):
         _sweep(words, folder)
         return
@@ -64,18 +62,6 @@ def _check(arguments: Sequence[str]) -> None:
     elif any(argument.split("=")[0] in PRINT_CONFIG for argument in arguments):
         overrides = [word for word in arguments if ("=" in word or "~" in word) and not word.startswith("-")]
         checked(to_plain(compose(overrides)))
-
-
-def _without_config_dir(arguments: Sequence[str]) -> tuple[list[str], str | None]:
-    """The other arguments, and the folder that ``--config-dir`` names."""
-    words, folder, rest = [], None, iter(arguments)
-    for word in rest:
-        flag, equals, value = word.partition("=")
-        if flag in CONFIG_DIR:
-            folder = value if equals else next(rest, "")
-        else:
-            words.append(word)
-    return words, folder
 
 
 def run_config(config: DictConfig) -> None:

@@ -1,6 +1,6 @@
 """The YAML files that configs are composed of: which there are, and which of them cannot be read."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -13,6 +13,9 @@ from sextant.runs.outputs_folder import conf_dir
 
 #: folders of YAML files that are no options of a config
 NO_GROUPS = ("claim",)
+
+#: the flag that names a folder of config files of one's own
+CONFIG_DIR = ("--config-dir", "-cd")
 
 _OWN: ContextVar[tuple[Path, ...]] = ContextVar("folders of a user's own config files", default=())
 
@@ -46,6 +49,23 @@ def search_path() -> list[str]:
     """The override that makes Hydra find a user's own options, if there are any."""
     own = ",".join("'file://{}'".format(str(path).replace("'", r"\'")) for path in _OWN.get())
     return [f"hydra.searchpath=[{own}]"] if own else []
+
+
+def with_folders(overrides: Sequence[str]) -> list[str]:
+    """The arguments that mean these overrides in another process; :func:`without_folder` takes them apart."""
+    return [*overrides, *(f"{CONFIG_DIR[0]}={path}" for path in _OWN.get())]
+
+
+def without_folder(arguments: Sequence[str]) -> tuple[list[str], str | None]:
+    """The other arguments, and the folder that ``--config-dir`` names."""
+    words, folder, rest = [], None, iter(arguments)
+    for word in rest:
+        flag, equals, value = word.partition("=")
+        if flag in CONFIG_DIR:
+            folder = value if equals else next(rest, "")
+        else:
+            words.append(word)
+    return words, folder
 
 
 def groups() -> dict[str, tuple[str, ...]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.composing.compose import compose, composing_many, to_plain
+from sextant.composing.config_files import with_folders
 from sextant.composing.overrides import Override, parse
 from sextant.composing.search_words import search_words
 from sextant.config import Config, validate
@@ -73,7 +74,7 @@ def make_plan(arguments: Sequence[str], reporter: Reporter = SILENT) -> tuple[Sw
     assert first is not None
     tracking = {"kind": first.tracking.kind, "uri": first.tracking.uri}
     cells = [entry.cell for entry in planned]
-    plan = SweepPlan(design.name, design.definition, list(arguments), cells, [], tracking, time.time())
+    plan = SweepPlan(design.name, design.definition, with_folders(arguments), cells, [], tracking, time.time())
     return plan, planned, first
 
 

@@ -1,10 +1,12 @@
 """Cells as tasks of SLURM job arrays, submitted by submitit and watched by their run directories.
 
 What SLURM keeps of jobs that have ended needs its accounting (sacct), which many clusters do not have; a run
-directory is there in any case. SLURM is asked for one thing: whether a task is still in the queue.
+directory is there in any case. SLURM is asked whether a task is still in the queue, and how often it was queued again.
+Each start of a task holds a lease as long as it lives, by which a node that died is noticed.
 """
 
 import logging
+import os
 import signal
 import subprocess
 import time
@@ -18,10 +20,10 @@ from typing import Any
 from sextant.atomic_files import read_json, write_json
 from sextant.config.schema.launchers import SlurmLauncher
 from sextant.errors import UserError
+from sextant.lease import Lease, look, take
 from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes, failed, finished, run_words
 from sextant.lifecycle.launchers.slurm_queue import AT_WORK, Queue, Submission, cancel, read_queue, submissions
 from sextant.lifecycle.run_reporter import RunReporter
-from sextant.runs.locks import run_holder
 
 POLL_S = 1.0
 ASK_S = 10.0  # the queue, at most so often
@@ -35,17 +37,26 @@ class ArrayTask:
 
     Attributes:
         cells: the overrides of each, and the file that is to tell how it ended.
+        alive: the folder of the leases of its starts.
+        lease_s: for how long the start of it that is not heard of is believed to live.
         reporter: listens to the runs.
     """
 
     cells: tuple[tuple[tuple[str, ...], str], ...]
+    alive: str
+    lease_s: float
     reporter: RunReporter
 
     def __call__(self) -> None:
         """Run the cells."""
         signal.signal(signal.SIGTERM, _interrupt)  # submitit would let it pass, and a preempted task wait to be killed
-        for words, file in self.cells:
-            write_json(Path(file), run_words(words, self.reporter))
+        lease = take(Path(self.alive, os.environ.get("SLURM_RESTART_COUNT", "0")), self.lease_s)
+        try:
+            for words, file in self.cells:
+                write_json(Path(file), run_words(words, self.reporter))
+        finally:
+            if isinstance(lease, Lease):
+                lease.release()
 
     def checkpoint(self) -> Any:
         """Called by submitit before the time limit is reached: the same again, which skips what is finished."""
@@ -64,7 +75,7 @@ def run_on_slurm(
     """Submit what is not in the queue already; wait for all, unless ``launcher.wait`` is false."""
     array = _Arrays(launcher, folder, reporter, runs)
     queue, known = read_queue(), _Known(folder)
-    array.submit([cell for cell in cells if known.queued(cell, queue) is None])
+    array.submit([cell for cell in cells if known.queued(cell, queue) is None or array.told(cell) is not None])
     if not launcher.wait:
         reporter.say(f"submitted; sextant sweep status, attach or cancel {folder.name}")
         return [None] * len(cells)
@@ -128,8 +139,13 @@ class _Arrays:
         executor = SlurmExecutor(submission.path, max_num_timeout=TIMEOUTS)
         executor.update_parameters(**_parameters(self.launcher, submission.name))
         work = [
-            ArrayTask(tuple((tuple(cell.words), str(self._outcome_file(cell))) for cell in task), self.runs)
-            for task in tasks
+            ArrayTask(
+                tuple((tuple(cell.words), str(self._outcome_file(cell))) for cell in task),
+                str(submission.alive(number)),
+                self.launcher.lease_s,
+                self.runs,
+            )
+            for number, task in enumerate(tasks)
         ]
         try:
             executor.submit_array(work)
@@ -140,9 +156,8 @@ class _Arrays:
     def _outcome_file(self, cell: CellTask) -> Path:
         return self.folder / "outcomes" / f"{cell.run.parent.name}-{cell.run.name}.json"
 
-    def _outcome(self, cell: CellTask) -> dict[str, Any] | None:
-        if (found := finished(cell.run)) is not None:
-            return found
+    def told(self, cell: CellTask) -> dict[str, Any] | None:
+        """How its task says that it ended, which may still be at work on others."""
         told = read_json(self._outcome_file(cell))
         return told if isinstance(told, dict) else None
 
@@ -152,7 +167,7 @@ class _Arrays:
         ask_s, asked = min(ASK_S, self.launcher.lease_s / 3), time.monotonic()
         while True:
             for cell in cells:
-                if cell.run not in outcomes and (found := self._outcome(cell)) is not None:
+                if cell.run not in outcomes and (found := finished(cell.run) or self.told(cell)) is not None:
                     outcomes[cell.run] = found
             left = [cell for cell in cells if cell.run not in outcomes]
             if not left:
@@ -174,7 +189,7 @@ class _Arrays:
             submission, number = known.place[cell.name]
             if submission.cancelled:
                 given_up[cell.run] = failed(cell.run, "cancelled")
-            elif self._is_lost(cell, queue, submission.name, number):
+            elif self._is_lost(cell, queue, submission, number):
                 if self.attempts[cell.run] < self.launcher.attempts:
                     self.reporter.say(f"{cell.name} vanished from the queue, or its node did; it is submitted again")
                     again.append(cell)
@@ -183,11 +198,15 @@ class _Arrays:
         self.submit(again)
         return given_up
 
-    def _is_lost(self, cell: CellTask, queue: Queue, name: str, number: int) -> bool:
-        """Whether its task is not in the queue, or at work without a sign of life, and has been so for a while."""
-        queued = queue.get((name, number))
+    def _is_lost(self, cell: CellTask, queue: Queue, submission: Submission, number: int) -> bool:
+        """Whether its task is not in the queue, or at work without a sign of life, and has been so for a while.
+
+        What counts is a start's own sign of life: a task that is only starting has given none yet, one that was queued
+        again has left a dead one, and the runs that it has yet to come to may have been begun by others.
+        """
+        queued = queue.get((submission.name, number))
         if queued is not None:
-            held = run_holder(cell.run) if queued.state in AT_WORK else None
+            held = look(submission.alive(number) / queued.restarts) if queued.state in AT_WORK else None
             if held is None or held[1]:
                 self.missing_since.pop(cell.run, None)
                 return False

@@ -39,6 +39,10 @@ class Submission:
         """Note it."""
         write_json(self.path / "tasks.json", {"tasks": self.tasks, "cancelled": self.cancelled})
 
+    def alive(self, task: int) -> Path:
+        """The folder in which each start of a task, by its number, has a lease."""
+        return self.path / "alive" / str(task)
+
     def log(self, task: int) -> Path | None:
         """What a task printed."""
         found = [
@@ -50,12 +54,16 @@ class Submission:
 
 @dataclass(frozen=True)
 class Queued:
-    """A task in the queue: its job, its state, and the node it runs on or the reason why it waits."""
+    """A task in the queue: its job, its state, the node it runs on or why it waits, how often it was queued again."""
 
     job: str
     state: str
     where: str
+    restarts: str
 
+
+#: what squeue is asked for; it cuts off what is longer than the number
+FIELDS = "Name:500|,ArrayTaskID:30|,ArrayJobID:30|,State:30|,RestartCnt:10|,ReasonList:500"
 
 #: name of an array and number of a task in it -> what the queue says of it
 Queue = dict[tuple[str, int], Queued]
@@ -74,13 +82,14 @@ def read_queue() -> Queue:
     Raises:
         UserError: the controller of SLURM does not answer.
     """
-    text = _ask("squeue", "--noheader", "--array", f"--user={os.getuid()}", "--format=%j|%K|%F|%T|%R")
+    text = _ask("squeue", "--noheader", "--array", f"--user={os.getuid()}", f"--Format={FIELDS}")
     queue: Queue = {}
     for line in text.splitlines():
-        name, number, job, state, where = line.strip().split("|", 4)
+        name, number, job, state, restarts, where = (word.strip() for word in line.split("|", 5))
         task = int(number) if number.isdigit() else 0
         if state in ALIVE:
-            queue[name, task] = Queued(f"{job}_{number}" if number.isdigit() else job, state, where.strip("()"))
+            job = f"{job}_{number}" if number.isdigit() else job
+            queue[name, task] = Queued(job, state, where.strip("()"), restarts)
     return queue
 
 

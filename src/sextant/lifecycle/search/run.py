@@ -11,6 +11,7 @@ import numpy as np
 
 from sextant.atomic_files import write_json
 from sextant.composing.compose import composing_many
+from sextant.composing.config_files import with_folders
 from sextant.config import Config
 from sextant.config.schema.launchers import SlurmLauncher
 from sextant.errors import UserError
@@ -92,7 +93,7 @@ def run_search(
 def _plan(design: SearchDesign, config: Config) -> SweepPlan:
     tracking = {"kind": config.tracking.kind, "uri": config.tracking.uri}
     return SweepPlan(
-        design.name, design.definition, list(design.arguments), [], [], tracking, time.time(), key=design.digest
+        design.name, design.definition, with_folders(design.arguments), [], [], tracking, time.time(), key=design.digest
     )
 
 
