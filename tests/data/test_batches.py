@@ -7,8 +7,8 @@ from sextant.data.batches import Batch, EpochBatches, ImageBatches
 counts, sizes, seeds, epochs = st.integers(1, 60), st.integers(1, 10), st.integers(0, 2**31 - 1), st.integers(0, 500)
 
 
-def order(count, size, seed, epoch=0, **ranks):
-    sampler = EpochBatches(count, size, seed, **ranks)
+def order(count, size, seed, epoch=0):
+    sampler = EpochBatches(count, size, seed)
     sampler.set_epoch(epoch)
     batches = [batch.tolist() for batch in sampler]
     assert len(batches) == len(sampler)
@@ -39,16 +39,6 @@ def test_no_two_epochs_of_any_run_share_an_order():
 
 def test_without_a_seed_images_keep_their_order_in_every_epoch():
     assert order(5, 2, None, epoch=0) == order(5, 2, None, epoch=3) == [[0, 1], [2, 3], [4]]
-
-
-@given(counts, sizes, seeds, epochs, st.integers(2, 4))
-def test_ranks_take_turns_at_the_batches_and_take_equally_many(count, size, seed, epoch, ranks):
-    whole = order(count, size, seed, epoch)
-    shares = [order(count, size, seed, epoch, rank=rank, ranks=ranks) for rank in range(ranks)]
-    assert len({len(share) for share in shares}) == 1
-    taken = [batch for turn in zip(*shares, strict=True) for batch in turn]
-    assert taken == whole[: len(taken)]
-    assert len(whole) - len(taken) < ranks
 
 
 def test_a_batch_holds_the_images_labels_and_positions_asked_for():

@@ -9,6 +9,9 @@ from typing import Any
 NUISANCE = ("seed", "paths", "tracking", "sweep", "launcher", "reuse", "hydra")
 NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": ("download",)}
 
+#: keys that came later: where they say what was done before, runs of before are the same experiment
+LATER: dict[str, dict[str, Any]] = {"trainer": {"accumulate": 1, "patience": None, "compile": False}}
+
 
 def identity(config: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a resolved config that enters the digest; the seed is apart, as the replicate of an experiment."""
@@ -16,6 +19,9 @@ def identity(config: Mapping[str, Any]) -> dict[str, Any]:
     for group, names in NUISANCE_WITHIN.items():
         if isinstance(kept.get(group), Mapping):
             kept[group] = {key: value for key, value in kept[group].items() if key not in names}
+    for group, usual in LATER.items():
+        if isinstance(kept.get(group), Mapping):
+            kept[group] = {key: v for key, v in kept[group].items() if key not in usual or v != usual[key]}
     return kept
 
 

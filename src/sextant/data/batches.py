@@ -17,16 +17,18 @@ class Batch:
         images: bytes, ``(b, c, h, w)``.
         labels: class indices.
         indices: positions in the split, which seed the corruptions.
+        weight: of the mean over these images where several processes share a batch.
     """
 
     images: UInt8[Tensor, "b c h w"]
     labels: Int64[Tensor, "b"]
     indices: Int64[Tensor, "b"]
+    weight: float = 1.0
 
     def to(self, device: torch.device, non_blocking: bool = False) -> "Batch":
         """The batch on another device."""
         tensors = (self.images, self.labels, self.indices)
-        return Batch(*(tensor.to(device, non_blocking=non_blocking) for tensor in tensors))
+        return Batch(*(tensor.to(device, non_blocking=non_blocking) for tensor in tensors), weight=self.weight)
 
     def images_in_unit_range(self) -> Tensor:
         """Images as float32 in [0, 1]."""
@@ -58,8 +60,6 @@ class EpochBatches(Sampler[Tensor]):
         count: number of images.
         batch_size: images in a batch; the last one of an epoch may be smaller.
         seed: of the shuffling; None keeps the order.
-        rank, ranks: this process among those that share the epoch; each takes every ``ranks``-th batch, and the last
-            batches that would not go round are left out.
         every: take every k-th image.
         numbered: give ``index + epoch * count`` instead of the index, for images that differ from epoch to epoch.
     """
@@ -69,14 +69,12 @@ class EpochBatches(Sampler[Tensor]):
         count: int,
         batch_size: int,
         seed: int | None = None,
-        rank: int = 0,
-        ranks: int = 1,
         *,
         every: int = 1,
         numbered: bool = False,
     ):
         self.count, self.batch_size, self.seed, self.every = count, batch_size, seed, every
-        self.rank, self.ranks, self.numbered = rank, ranks, numbered
+        self.numbered = numbered
         self.epoch = 0
 
     def set_epoch(self, epoch: int) -> None:
@@ -84,8 +82,7 @@ class EpochBatches(Sampler[Tensor]):
         self.epoch = epoch
 
     def __len__(self) -> int:
-        batches = len(range(0, self.count, self.every * self.batch_size))
-        return batches // self.ranks if self.ranks > 1 else batches
+        return len(range(0, self.count, self.every * self.batch_size))
 
     def __iter__(self) -> Iterator[Tensor]:
         order = torch.arange(0, self.count, self.every)
@@ -94,5 +91,4 @@ class EpochBatches(Sampler[Tensor]):
             order = order[torch.randperm(len(order), generator=generator)]
         if self.numbered:
             order = order + self.epoch * self.count
-        batches = order.split(self.batch_size)
-        return iter(batches[self.rank :: self.ranks][: len(self)])
+        return iter(order.split(self.batch_size))

@@ -6,6 +6,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from sextant.data.augmentation import Augmentation, AugmentedBatches, NoAugmentation
 from sextant.data.batches import Batch, EpochBatches, ImageBatches
+from sextant.data.share import Share, SharedBatches
 from sextant.data.source import ImageSource, LabelledImages
 from sextant.data.split import stratified_split
 from sextant.errors import UserError
@@ -70,13 +71,11 @@ class ImageData(pl.LightningDataModule):
     def train_dataloader(self) -> DataLoader[Batch]:
         """Shuffled batches, the order a function of (seed, epoch)."""
         images, trainer = AugmentedBatches(self._splits["train"], self.augmentation, self.seed), self.trainer
-        rank = (0, 1) if trainer is None else (trainer.global_rank, trainer.world_size)
-        batches = EpochBatches(len(images), self.batch_size, self.seed, *rank, numbered=True)
-        if trainer is None:
-            return self._loader(images, batches)
-        # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
-        batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
-        return self._loader(images, batches)
+        batches = EpochBatches(len(images), self.batch_size, self.seed, numbered=True)
+        if trainer is not None:
+            # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
+            batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
+        return self._loader(SharedBatches(images, Share.of_trainer(trainer)), batches)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Validation batches in order."""

@@ -86,8 +86,28 @@ def cell_config(design: Design, setting: Mapping[str, str], arm: str) -> tuple[l
     """
     overrides = [*design.fixed, *(f"{key}={v}" for key, v in setting.items()), *design.arms[arm][0]]
     config = checked(to_plain(compose(overrides)))
+    _require_room(config)
     _check_read(arm, design.definition, config)
     return overrides, config
+
+
+def _require_room(config: Config) -> None:
+    """Raise a ``UserError`` unless the launcher gives a run of several processes room for them."""
+    launcher, devices = config.launcher, config.trainer.devices
+    if devices == 1:
+        return
+    if launcher.kind == "local":
+        raise UserError(
+            f"trainer.devices={devices} launcher=local: no run of several processes starts within a sweep's own",
+            "Give each run a process of its own: launcher=joblib launcher.workers=1; or a job: launcher=slurm "
+            f"launcher.cpus={devices}. Without -m, train.py runs a single one.",
+        )
+    unit = "gpus" if config.trainer.accelerator == "gpu" else "cpus"
+    if getattr(launcher, unit, devices) < devices:
+        raise UserError(
+            f"trainer.devices={devices} needs as many {unit}; launcher.{unit}={getattr(launcher, unit)} of a run",
+            f"launcher.{unit}={devices}",
+        )
 
 
 def over_seeds(

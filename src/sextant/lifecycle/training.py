@@ -1,7 +1,9 @@
 """Fit, validate and test with Lightning; what the life cycle imports once everything light has been checked."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +11,15 @@ import numpy as np
 import pytorch_lightning as pl
 import torch
 from lightning_fabric.plugins.environments.lightning import LightningEnvironment
-from pytorch_lightning.callbacks import Callback, ModelCheckpoint
+from pytorch_lightning.callbacks import Callback, EarlyStopping, ModelCheckpoint
 
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config
 from sextant.config.building import naming_groups
 from sextant.figures.style import save_figure
+from sextant.layers.global_batch_norm import global_batch_norm
 from sextant.lifecycle.published_figures import same_images
+from sextant.lifecycle.ranks import Processes, Rank, ranks
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.recipes import Recipe, Source, recipe_of
 from sextant.recipes.trained_model import model_from_checkpoint
@@ -45,34 +49,88 @@ def train_and_test(
     """
     began = time.monotonic()
     reset_peak_memory()
+    recipe = recipe_of(config.task.name, reporter)
+    logger = RunLogger(directory, mirror)
+    resume = directory.last_checkpoint.is_file()
+    clock = _Clock(directory, began, resumed=resume)
+    shown = reporter.training() if config.trainer.progress else []
+    monitor = mirror if config.tracking.system_metrics else None
+    with system_metrics(monitor, config.tracking.system_metrics_every_s), naming_groups(config.plain):
+        with ranks(config, directory, key, resume=resume) as rank:
+            fitted = fit(
+                config, recipe, source, directory, key,
+                resume=resume, rank=rank, logger=logger, clock=clock, shown=shown,
+            )  # fmt: skip
+        trained, fit_s = time.monotonic(), clock.seconds()
+        results = _test(fitted, config, directory, recipe, logger)
+    return _write_results(results, directory, key, fit_s=fit_s, test_s=time.monotonic() - trained)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What training leaves in memory."""
+
+    trainer: pl.Trainer
+    module: Any
+    data: pl.LightningDataModule
+
+
+def fit(
+    config: Config,
+    recipe: Recipe,
+    source: Source,
+    directory: RunDirectory,
+    key: RunKey,
+    *,
+    resume: bool,
+    rank: Rank | None = None,
+    logger: RunLogger | None = None,
+    clock: Callback | None = None,
+    shown: Sequence[Callback] = (),
+) -> Fitted:
+    """Train from the last checkpoint or from scratch.
+
+    Args:
+        config: of the run.
+        recipe: of its task.
+        source: of its data.
+        directory: with its checkpoints.
+        key: of the run.
+        resume: from the last checkpoint.
+        rank: which of several processes this one is; None if it is alone.
+        logger, clock, shown: of the process that writes; the others have none.
+    """
     torch.set_num_threads(config.trainer.threads)
     pl.seed_everything(config.seed, verbose=False)
-    recipe = recipe_of(config.task.name, reporter)
     data = recipe.data(config, source)
     spec = recipe.spec(config, source, data)
     module = recipe.module(config, spec, training=True)
     if config.init_from is not None:
         checkpoint = resolve_run(config.init_from, Path(config.paths.outputs), "init_from").checkpoint
         load_weights(module, read_trained(checkpoint), checkpoint)
-    logger = RunLogger(directory, mirror)
-    resume = directory.last_checkpoint if directory.last_checkpoint.is_file() else None
-    clock = _Clock(directory, began, resumed=resume is not None)
-    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(config, spec, key), clock]
+    callbacks: list[Callback] = [_EpochSeed(config.seed), _Provenance(config, spec, key), *([clock] if clock else [])]
+    if config.trainer.patience is not None:
+        callbacks.append(_Patience(module.monitor, mode=module.monitor_mode, patience=config.trainer.patience))
     if config.task.test_checkpoint == "best":  # before the last, so that the last knows the best of its own epoch
         callbacks.append(_best_epoch(directory, module.monitor, module.monitor_mode))
-    callbacks.append(_every_epoch(directory))
-    if config.trainer.progress:
-        callbacks += reporter.training()
-    trainer = _trainer(config, directory, logger, callbacks)
+    callbacks += [_every_epoch(directory), *shown]
+    trainer = _trainer(config, directory, logger, callbacks, rank)
+    with _prepared(module, compiled=config.trainer.compile, shared=rank is not None):
+        trainer.fit(module, data, ckpt_path=directory.last_checkpoint if resume else None, weights_only=True)
+    if trainer.interrupted:
+        raise KeyboardInterrupt
+    return Fitted(trainer, module, data)
 
-    monitor = mirror if config.tracking.system_metrics else None
-    with naming_groups(config.plain), system_metrics(monitor, config.tracking.system_metrics_every_s):
-        trainer.fit(module, data, ckpt_path=resume, weights_only=True)
-        if trainer.interrupted:
-            raise KeyboardInterrupt
-        fitted, fit_s = time.monotonic(), clock.seconds()
-        results = _test(trainer, module, data, config, directory, recipe)
-    return _write_results(results, directory, key, fit_s=fit_s, test_s=time.monotonic() - fitted)
+
+@contextmanager
+def _prepared(module: Any, *, compiled: bool, shared: bool) -> Iterator[None]:
+    """The network as it is trained: compiled, or with statistics over all processes."""
+    if compiled:
+        module.network.compile()
+    with global_batch_norm(module) if shared else nullcontext():
+        yield
+    if compiled:  # tests look into the network, and see it once under each condition
+        module.network._compiled_call_impl = None
 
 
 def test_checkpoint(
@@ -91,7 +149,7 @@ def test_checkpoint(
     module = model_from_checkpoint(config, content, checkpoint)
     recipe = recipe_of(config.task.name, reporter)
     data = recipe.data(config, source)
-    trainer = _trainer(config, directory, RunLogger(directory, None), [])
+    trainer = _trainer(config, directory, RunLogger(directory, None), [], None)
     with naming_groups(config.plain):
         metrics = dict(trainer.test(module, data, verbose=False)[0])
         results: dict[str, Any] = {"outcome": "finished", "metrics": metrics}
@@ -110,17 +168,22 @@ def _write_results(
     return results
 
 
-def _trainer(config: Config, directory: RunDirectory, logger: RunLogger, callbacks: list[Callback]) -> pl.Trainer:
+def _trainer(
+    config: Config, directory: RunDirectory, logger: RunLogger | None, callbacks: list[Callback], rank: Rank | None
+) -> pl.Trainer:
     return pl.Trainer(
         accelerator=config.trainer.accelerator,
-        devices=config.trainer.devices,
+        devices=1 if rank is None else config.trainer.devices,
+        strategy="auto" if rank is None else Processes(),
         precision=config.trainer.precision,
         deterministic=config.trainer.deterministic,
         max_epochs=config.trainer.max_epochs,
-        logger=logger,
+        accumulate_grad_batches=config.trainer.accumulate,
+        logger=logger or False,
         callbacks=callbacks,
         enable_checkpointing=bool(callbacks),
-        plugins=[AtomicCheckpointIO(), LightningEnvironment()],  # else it would queue jobs of SLURM again by itself
+        # without an environment of ours it would queue jobs of SLURM again by itself
+        plugins=[AtomicCheckpointIO(), rank or LightningEnvironment()],
         default_root_dir=directory.path,
         log_every_n_steps=config.trainer.log_every,
         num_sanity_val_steps=0,
@@ -147,16 +210,13 @@ def _best_epoch(directory: RunDirectory, monitor: str, mode: str) -> ModelCheckp
     )
 
 
-def _test(
-    trainer: pl.Trainer,
-    module: Any,
-    data: pl.LightningDataModule,
-    config: Config,
-    directory: RunDirectory,
-    recipe: Recipe,
-) -> dict[str, Any]:
-    """Validate and test the chosen weights, and write arrays and figures."""
+def _test(fitted: Fitted, config: Config, directory: RunDirectory, recipe: Recipe, logger: RunLogger) -> dict[str, Any]:
+    """Validate and test the chosen weights in this process, and write arrays and figures."""
+    trainer, module, data = fitted.trainer, fitted.module, fitted.data
     epochs, steps = trainer.current_epoch, trainer.global_step
+    if config.trainer.devices > 1:
+        trainer = _trainer(config, directory, logger, [], None)
+        trainer.fit_loop.load_state_dict(fitted.trainer.fit_loop.state_dict())  # what is logged is logged at this step
     if config.task.test_checkpoint == "best":
         module.load_state_dict(load_checkpoint(directory.best_checkpoint)["state_dict"])
     validation = dict(trainer.validate(module, data, verbose=False)[0])
@@ -198,6 +258,13 @@ class _EpochSeed(Callback):
 
     def on_train_epoch_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         torch.manual_seed(self.seed * 1_000_003 + trainer.current_epoch)
+
+
+class _Patience(EarlyStopping):
+    """Ends training when the validation metric has not improved for so many epochs, also one resumed after that."""
+
+    def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        trainer.should_stop = self.wait_count >= self.patience
 
 
 class _Clock(Callback):

@@ -34,9 +34,11 @@ class LocalizationRecipe(Recipe):
 
     evaluation_example = "fault=kidnap"
     monitor = ("val/place_nll", "min")
+    alone = "learns a few hyper-parameters of a Gaussian process, which one process does"
     sweep_example = "seed=0,1,2 recovery=none,bayes_restart"
     prediction_example = "input=<folder of photos> odometry=<table>"
     uncorrupted = "drives as they are, under fault and faults"
+    alone = "learns a few hyper-parameters of a Gaussian process, in one process"
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 
     def identity(self, config: Config) -> dict[str, Any]:

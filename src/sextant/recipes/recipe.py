@@ -66,6 +66,7 @@ class Recipe(ABC):
         sweep_example: arguments of ``train.py -m`` that a user may want next.
         prediction_example: arguments of ``predict.py`` that say what to predict.
         uncorrupted: how it tests images, if it has no use for test conditions of the group ``corruption``.
+        alone: why it is trained by one process and uncompiled, if it is.
         test_settings: keys of ``task`` that control testing, and may change after training.
         reporter: listens to long work.
     """
@@ -75,6 +76,7 @@ class Recipe(ABC):
     sweep_example: ClassVar[str]
     prediction_example: ClassVar[str] = "input=<folder>"
     uncorrupted: ClassVar[str] = ""
+    alone: ClassVar[str] = ""
     test_settings: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, reporter: Reporter = SILENT):
@@ -82,7 +84,13 @@ class Recipe(ABC):
 
     def check_parts(self, config: Config) -> None:
         """Raise a ``UserError`` if choices of several groups do not go together. Light."""
-        suite = config.corruption
+        suite, trainer = config.corruption, config.trainer
+        for key, asked in (("devices", trainer.devices > 1), ("compile", trainer.compile)):
+            if asked and self.alone:
+                raise UserError(
+                    f"trainer.{key}={getattr(trainer, key)}: task={config.task.name} {self.alone}",
+                    "trainer.devices=1 trainer.compile=false",
+                )
         if self.uncorrupted and (not isinstance(suite, CorruptionSuite) or suite.corruptions):
             raise UserError(f"corruption: task={config.task.name} tests {self.uncorrupted}", "corruption=none")
 

@@ -1,6 +1,7 @@
 """Training losses kept on their device and looked at every few steps."""
 
 import torch
+import torch.distributed as dist
 from torch import Tensor
 
 from sextant.errors import LossNotFiniteError
@@ -30,7 +31,7 @@ class StepLosses:
         return self.flush() if len(self._losses) >= self.every else None
 
     def flush(self) -> float | None:
-        """The mean of what was noted since the last return, None if nothing was.
+        """The mean of what was noted since the last return, over all processes that train; None if nothing was.
 
         Raises:
             LossNotFiniteError: as :meth:`add`.
@@ -39,6 +40,9 @@ class StepLosses:
             return None
         losses = torch.stack(self._losses).float()
         self._losses = []
+        if dist.is_available() and dist.is_initialized():
+            dist.all_reduce(losses)
+            losses /= dist.get_world_size()
         broken = torch.nonzero(~torch.isfinite(losses))
         if len(broken):
             first = int(broken[0])

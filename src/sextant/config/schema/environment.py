@@ -8,15 +8,26 @@ from sextant.config.schema.parts import Count, Node, Positive
 
 
 class Trainer(Node):
-    """How training runs."""
+    """How training runs.
+
+    Attributes:
+        devices: processes that train one network, each on a device of its own: GPUs, or shares of the CPU's cores.
+        batch_size: images that a step learns from, over all processes; without ``accumulate``.
+        accumulate: batches whose gradients are averaged for a step.
+        patience: epochs without a better validation metric after which training ends; null trains all epochs.
+        compile: the network is compiled by ``torch.compile`` for training.
+    """
 
     accelerator: Literal["cpu", "gpu"]
-    devices: int = Field(ge=1, le=1, examples=[1])
+    devices: int = Field(ge=1, le=64, examples=[1])
     precision: Literal["32-true", "16-mixed", "bf16-mixed"]
     deterministic: bool
     threads: int = Field(ge=1, le=256, examples=[1])
     max_epochs: Count = Field(examples=[12])
     batch_size: Count = Field(examples=[128])
+    accumulate: Count = Field(default=1, examples=[4])
+    patience: Count | None = Field(default=None, examples=[5])
+    compile: bool = False
     eval_batch_size: Count = Field(examples=[1000])
     log_every: int = Field(ge=20, examples=[50])
     workers: int = Field(ge=0, le=64, examples=[0])
@@ -26,6 +37,17 @@ class Trainer(Node):
     def _half_precision_needs_a_gpu(self) -> Self:
         if self.accelerator == "cpu" and self.precision == "16-mixed":
             raise ValueError("trainer.precision=16-mixed needs trainer=gpu; on the CPU use 32-true or bf16-mixed")
+        return self
+
+    @model_validator(mode="after")
+    def _every_process_has_an_image(self) -> Self:
+        if self.devices > self.batch_size:
+            raise ValueError(
+                f"trainer.devices={self.devices} share batches of {self.batch_size}; "
+                f"set trainer.batch_size={self.devices} at least"
+            )
+        if self.accumulate > self.log_every:
+            raise ValueError(f"trainer.accumulate={self.accumulate} must be at most trainer.log_every={self.log_every}")
         return self
 
 

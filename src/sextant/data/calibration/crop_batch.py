@@ -19,6 +19,7 @@ class CropBatch:
         aspect: width over height of each image before it was squashed to the crop's size.
         panoramas: index of the panorama of each.
         indices: numbers of the crops in the split, which seed corruptions.
+        weight: of the mean over these crops where several processes share a batch.
     """
 
     images: UInt8[Tensor, "b 3 h w"]
@@ -26,6 +27,7 @@ class CropBatch:
     aspect: Float[Tensor, "b"]
     panoramas: Int64[Tensor, "b"]
     indices: Int64[Tensor, "b"]
+    weight: float = 1.0
 
     def to(self, device: torch.device, non_blocking: bool = False) -> "CropBatch":
         """The batch on another device."""
@@ -39,6 +41,7 @@ class CropBatch:
             moved(self.aspect),
             moved(self.panoramas),
             moved(self.indices),
+            self.weight,
         )
 
     def images_in_unit_range(self) -> Tensor:

@@ -8,6 +8,7 @@ from sextant.data.calibration.batches import Crops, CropSampler
 from sextant.data.calibration.camera_distributions import CameraDistribution
 from sextant.data.calibration.crop_batch import CropBatch
 from sextant.data.calibration.panoramas import PanoramaSource
+from sextant.data.share import WHOLE, Share, SharedBatches
 from sextant.geometry import CameraParameters
 
 #: seeds of the draws of validation and test: the same for every run
@@ -97,7 +98,7 @@ class CalibrationData(pl.LightningDataModule):
         if self.trainer is not None:
             # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
             batches.set_epoch(self.trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
-        return self._loader("train", batches)
+        return self._loader("train", batches, Share.of_trainer(self.trainer))
 
     def val_dataloader(self) -> DataLoader[CropBatch]:
         """The same validation crops in every epoch."""
@@ -107,9 +108,9 @@ class CalibrationData(pl.LightningDataModule):
         """Test crops in order."""
         return self._loader("test", CropSampler(self.count("test"), self.eval_batch_size))
 
-    def _loader(self, name: str, batches: CropSampler) -> DataLoader[CropBatch]:
+    def _loader(self, name: str, batches: CropSampler, share: Share = WHOLE) -> DataLoader[CropBatch]:
         return DataLoader(
-            self._splits[name],
+            SharedBatches(self._splits[name], share),
             sampler=batches,
             batch_size=None,
             num_workers=self.workers if name == "train" else 0,

@@ -15,6 +15,7 @@ from sextant.data.places.augmentation import PlaceAugmentation
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.nearby import pairs_of
 from sextant.data.places.tolerance import PlaceTolerance
+from sextant.data.share import WHOLE, Share
 from sextant.errors import ArgumentError
 
 #: how many times the places of a batch are looked ahead to find some that are far apart
@@ -26,7 +27,7 @@ class PlaceBatch:
     """A batch of images with the place of each.
 
     Attributes:
-        images: bytes, ``(b, c, h, w)``, channels last in memory.
+        images: bytes, ``(b, c, h, w)``, channels last in memory; where processes share a batch, of this one's share.
         position_m: x and y in metres, float64 (UTM coordinates need it), or None.
         heading_deg: in degrees, float64, or None.
         frame: number along the traverse.
@@ -65,10 +66,17 @@ class PlaceBatchImages(Dataset[PlaceBatch]):
         places: the images.
         augmentation: changes them; None leaves them as they are.
         seed: of the augmentation.
+        share: of the images that this process reads; where they were taken is given of all.
     """
 
-    def __init__(self, places: PlaceImages, augmentation: PlaceAugmentation | None = None, seed: int = 0):
-        self.places, self.augmentation, self.seed = places, augmentation, seed
+    def __init__(
+        self,
+        places: PlaceImages,
+        augmentation: PlaceAugmentation | None = None,
+        seed: int = 0,
+        share: Share = WHOLE,
+    ):
+        self.places, self.augmentation, self.seed, self.share = places, augmentation, seed, share
 
     def __len__(self) -> int:
         return len(self.places)
@@ -76,18 +84,12 @@ class PlaceBatchImages(Dataset[PlaceBatch]):
     def __getitem__(self, numbers: list[int] | Tensor) -> PlaceBatch:
         chosen = np.asarray(numbers, np.int64)
         rows = chosen % len(self.places)
-        images = torch.from_numpy(self.places.images[rows]).permute(0, 3, 1, 2)
-        if self.augmentation is not None:
-            images = self.augmentation(images, chosen, self.seed)
-            if self.augmentation.mirror:  # a whole epoch, so that a batch holds no place beside its mirror image
-                mirrored = torch.from_numpy(chosen // len(self.places) % 2 == 1)
-                images[mirrored] = images[mirrored].flip(-1)
 
         def part(column: ndarray | None) -> Tensor | None:
             return None if column is None else torch.from_numpy(column[rows])
 
         return PlaceBatch(
-            images,
+            self._images(self.share.of(chosen) if self.share.rank < len(chosen) else chosen[:1]),
             part(self.places.position_m),
             part(self.places.heading_deg),
             torch.from_numpy(self.places.frame[rows]),
@@ -95,6 +97,15 @@ class PlaceBatchImages(Dataset[PlaceBatch]):
             torch.from_numpy(rows),
             torch.from_numpy(chosen),
         )
+
+    def _images(self, chosen: Int64[ndarray, "b"]) -> UInt8[Tensor, "b c h w"]:
+        images = torch.from_numpy(self.places.images[chosen % len(self.places)]).permute(0, 3, 1, 2)
+        if self.augmentation is not None:
+            images = self.augmentation(images, chosen, self.seed)
+            if self.augmentation.mirror:  # a whole epoch, so that a batch holds no place beside its mirror image
+                mirrored = torch.from_numpy(chosen // len(self.places) % 2 == 1)
+                images[mirrored] = images[mirrored].flip(-1)
+        return images
 
 
 class PlaceBatches(Sampler[Tensor]):
@@ -120,8 +131,6 @@ class PlaceBatches(Sampler[Tensor]):
         batch_places: P, places in a batch.
         batch_conditions: C, images of each place, at least 2.
         seed: of order and choice.
-        rank: this process among those that share the epoch; each takes every ``ranks``-th batch.
-        ranks: number of these processes.
         jitter: choose among all images within the tolerance, not the nearest.
 
     Raises:
@@ -136,15 +145,13 @@ class PlaceBatches(Sampler[Tensor]):
         batch_places: int,
         batch_conditions: int,
         seed: int,
-        rank: int = 0,
-        ranks: int = 1,
         *,
         jitter: bool = True,
     ):
         if batch_places < 1 or batch_conditions < 2:
             raise ValueError(f"a batch needs a place and two images of it, got {batch_places} x {batch_conditions}")
         self.batch_places, self.batch_conditions = batch_places, batch_conditions
-        self.seed, self.rank, self.ranks, self.jitter = seed, rank, ranks, jitter
+        self.seed, self.jitter = seed, jitter
         self.epoch = 0
         self._places, self._count = places, len(places)
         every = np.arange(len(places))
@@ -162,21 +169,12 @@ class PlaceBatches(Sampler[Tensor]):
         """Choose the epoch; the trainer calls this before each."""
         self.epoch = epoch
 
-    @property
-    def batches(self) -> int:
-        """Batches of an epoch over all processes."""
+    def __len__(self) -> int:
         return max(1, len(self.anchors) // self.batch_places)
 
-    def __len__(self) -> int:
-        return self.batches // self.ranks if self.ranks > 1 else self.batches
-
     def __iter__(self) -> Iterator[Tensor]:
-        epoch, shares = self.epoch, self.ranks > 1
+        epoch = self.epoch
         for number, anchors in enumerate(self.places_of_epoch(epoch)):
-            if number >= len(self) * self.ranks:
-                return
-            if shares and number % self.ranks != self.rank:
-                continue
             rng = np.random.default_rng([self.seed, epoch, number])
             rows = np.concatenate([self._images_of(anchor, rng) for anchor in anchors])
             yield torch.from_numpy(rows + epoch * self._count)
@@ -184,7 +182,7 @@ class PlaceBatches(Sampler[Tensor]):
     def places_of_epoch(self, epoch: int) -> Iterator[Int64[ndarray, "p"]]:
         """The places of every batch of an epoch, as rows of images."""
         order = deque(np.random.default_rng([self.seed, epoch]).permutation(len(self.anchors)).tolist())
-        for _ in range(self.batches):
+        for _ in range(len(self)):
             blocked = set[int]()
             taken: list[int] = []
             deferred: list[int] = []

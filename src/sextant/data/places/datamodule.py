@@ -12,6 +12,7 @@ from sextant.data.places.source import PlaceSource
 from sextant.data.places.split import Split
 from sextant.data.places.split_checks import check_headings, check_search, check_training
 from sextant.data.places.tolerance import PlaceTolerance
+from sextant.data.share import Share
 
 STAGES: dict[str, tuple[Split, ...]] = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",)}
 
@@ -110,10 +111,10 @@ class PlaceData(pl.LightningDataModule):
         """Places anew in every epoch, a function of (seed, epoch)."""
         places, batches, trainer = self._splits["train"], self._training_batches(), self.trainer
         if trainer is not None:
-            batches.rank, batches.ranks = trainer.global_rank, trainer.world_size
             # On resuming, Lightning takes the first iterator before it tells the sampler which epoch it is.
             batches.set_epoch(trainer.fit_loop.epoch_progress.current.processed)  # type: ignore[attr-defined]
-        return self._loader(PlaceBatchImages(places, self.augmentation, self.seed), batches, self.workers)
+        images = PlaceBatchImages(places, self.augmentation, self.seed, Share.of_trainer(trainer))
+        return self._loader(images, batches, self.workers)
 
     def val_dataloader(self) -> DataLoader[PlaceBatch]:
         """Validation images in order."""

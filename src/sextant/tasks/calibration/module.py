@@ -88,11 +88,11 @@ class Calibration(CameraNetwork, pl.LightningModule):
         values = self.space.from_unit(output.unit)
         truth = self.encoded(batch.cameras, batch.aspect)
         shape = torch.ones_like(batch.aspect) if self.spec.canvas else batch.aspect
-        loss = self.loss(values, truth, shape).mean()
+        loss = batch.weight * self.loss(values, truth, shape).mean()
         with torch.no_grad():
             error = (reported(self.decoded(values, batch.aspect)) - reported(batch.cameras)).abs()
         # the likelihood of Laplace's distribution: smallest where the scale is the mean absolute error
-        expected = (output.log_scale + error * torch.exp(-output.log_scale)).mean()
+        expected = batch.weight * (output.log_scale + error * torch.exp(-output.log_scale)).mean()
         self._log_training_loss(self.step_losses.add(self.global_step, loss))
         total: Tensor = (
             loss + expected

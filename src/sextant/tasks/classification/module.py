@@ -60,7 +60,7 @@ class Classification(pl.LightningModule):
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Cross-entropy of a batch."""
-        loss = F.cross_entropy(self(batch.images_in_unit_range()), batch.labels)
+        loss = batch.weight * F.cross_entropy(self(batch.images_in_unit_range()), batch.labels)
         self._log_training_loss(self.step_losses.add(self.global_step, loss))
         return loss
 

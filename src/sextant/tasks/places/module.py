@@ -16,6 +16,7 @@ from sextant.data.places import PlaceImages, PlaceTolerance
 from sextant.data.places.batches import PlaceBatch, PlaceBatchImages
 from sextant.data.places.datamodule import PlaceData
 from sextant.data.places.relation import batch_places, places_of
+from sextant.data.share import Share
 from sextant.evaluation.places.positives import Positives
 from sextant.evaluation.places.retrieval import chance_recall, recall
 from sextant.evaluation.protocols import places_converged
@@ -25,6 +26,7 @@ from sextant.models.place_net import PlaceNet
 from sextant.retrieval import CachedHardMining, Mining, NoMining, gathered, relations
 from sextant.retrieval.nearest import nearest_neighbours
 from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
+from sextant.tasks.over_processes import over_processes
 from sextant.tasks.places.whitening import Whitening, solve_projection
 from sextant.tasks.step_losses import StepLosses
 
@@ -108,21 +110,20 @@ class PlaceRecognition(pl.LightningModule):
         """The loss of a batch of places, or of triplets from the whole training set where mining is cached."""
         epoch = self.seed * 1_000_003 + self.trainer.current_epoch
         generator = torch.Generator().manual_seed(epoch * 100_003 + batch_idx)
-        if isinstance(self.mining, CachedHardMining):
-            images, pairing = self._next_triplets(self.mining, len(batch.rows), batch_idx, generator)
-            descriptors = self(images)
-        else:
-            descriptors, tolerance = self(batch.images_in_unit_range()), self._data.tolerance
+        mining, tolerance, pairing = self.mining, self._data.tolerance, None
+        if isinstance(mining, CachedHardMining):
+            batch, pairing = self._next_triplets(mining, len(batch.rows), batch_idx, generator)
+        descriptors = over_processes(self(batch.images_in_unit_range()), len(batch.rows), self._share)
+        if not isinstance(mining, CachedHardMining):
             relation = relations(batch_places(batch, tolerance), tolerance)
-            every = isinstance(self.mining, NoMining)
-            pairing = relation if every else self.mining(descriptors, relation, generator).triplets
+            pairing = relation if isinstance(mining, NoMining) else mining(descriptors, relation, generator).triplets
         value, active = self.loss(descriptors, pairing)
         self._log_training_loss(self.step_losses.add(self.global_step, value), float(active))
         return value  # type: ignore[no-any-return]
 
     def _next_triplets(
         self, mining: CachedHardMining, images: int, batch_idx: int, generator: torch.Generator
-    ) -> tuple[Tensor, Pairing]:
+    ) -> tuple[PlaceBatch, Pairing]:
         """Images of the next triplets of the training set, a third of a batch of them; mined again when due."""
         train, tolerance = self._data.split("train"), self._data.tolerance
         if batch_idx % mining.refresh == 0 or len(self._mined) == 0:
@@ -133,8 +134,8 @@ class PlaceRecognition(pl.LightningModule):
         chosen, self._mined = self._mined[:count], self._mined[count:]
         rows, triplets = gathered(chosen)
         numbers = rows + self.trainer.current_epoch * len(train)
-        images_of = PlaceBatchImages(train, self._data.augmentation, self.seed)
-        return images_of[numbers].to(self.device).images_in_unit_range(), triplets.to(self.device)
+        images_of = PlaceBatchImages(train, self._data.augmentation, self.seed, self._share)
+        return images_of[numbers].to(self.device), triplets.to(self.device)
 
     @torch.no_grad()
     def _describe_training(self) -> Tensor:
@@ -151,7 +152,8 @@ class PlaceRecognition(pl.LightningModule):
     def on_train_epoch_end(self) -> None:
         """Look at the losses since the last logged one, so that no epoch ends unseen; whiten after the last."""
         self._log_training_loss(self.step_losses.flush())
-        if self.whitening is not None and self.trainer.current_epoch + 1 == self.trainer.max_epochs:
+        last = self.trainer.should_stop or self.trainer.current_epoch + 1 == self.trainer.max_epochs
+        if self.whitening is not None and last:
             solve_projection(self.network, self._data.split("train"), self._data.tolerance, self.whitening)
 
     def _log_training_loss(self, loss: float | None, active: float | None = None) -> None:
@@ -201,6 +203,10 @@ class PlaceRecognition(pl.LightningModule):
     def _take(self) -> Float32[ndarray, "n d"]:
         found, self._seen = torch.cat(self._seen).numpy(), []
         return np.ascontiguousarray(found, np.float32)
+
+    @property
+    def _share(self) -> Share:
+        return Share.of_trainer(self.trainer)
 
     @property
     def _data(self) -> PlaceData:

@@ -1,0 +1,153 @@
+"""One run in several processes of this machine: this one, which holds its lock and writes, and those it starts."""
+
+import json
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from typing import IO
+
+import torch
+from lightning_fabric.plugins.environments.lightning import LightningEnvironment
+from pytorch_lightning.strategies import DDPStrategy
+
+from sextant.config import Config
+from sextant.errors import UserError
+from sextant.runs.directory import RunDirectory, RunKey
+
+ENDS_S = 60.0  # how long another process may take to end after the last step
+DIES_S = 5.0  # and to be seen to have died once it is not heard of any more
+PROGRAM = "import json, sys; given = json.loads(sys.stdin.readline()); sys.path[:] = given['path']; "
+PROGRAM += "from sextant.lifecycle.rank_process import main; main(given)"
+
+
+class Rank(LightningEnvironment):
+    """Tells Lightning which of the processes of a run this one is, and where they meet.
+
+    Args:
+        number: of this process; 0 is the one that writes.
+        port: on this machine.
+    """
+
+    def __init__(self, number: int, port: int):
+        super().__init__()
+        self.number, self.port = number, port
+
+    @property
+    def creates_processes_externally(self) -> bool:
+        """Lightning would start the command line anew, which would wait for the lock of its own run."""
+        return True
+
+    @property
+    def main_address(self) -> str:
+        """This machine."""
+        return "127.0.0.1"
+
+    @property
+    def main_port(self) -> int:
+        """Where the first process listens."""
+        return self.port
+
+    def local_rank(self) -> int:
+        """The number, as all processes are on this machine."""
+        return self.number
+
+
+class Processes(DDPStrategy):
+    """Distributed data-parallel training in processes that are there; no launcher, which would set their threads."""
+
+    def _configure_launcher(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class _Other:
+    """Another process of the run, and what it says of an error."""
+
+    number: int
+    process: subprocess.Popen[str]
+    errors: IO[str]
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.errors.close()
+
+    def require_well(self, wait_s: float) -> None:
+        """Raise a ``UserError`` if it ended, or ends within so many seconds, and not well."""
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(wait_s)
+        if self.process.poll():
+            self.errors.seek(0)
+            said = (self.errors.read().strip() or f"by signal {-self.process.returncode}").splitlines()[-1]
+            raise UserError(
+                f"process {self.number} of this run ended: {said}",
+                "Is there memory for all trainer.devices? The same command goes on from the last epoch.",
+            )
+
+
+@contextmanager
+def ranks(config: Config, directory: RunDirectory, key: RunKey, *, resume: bool) -> Iterator[Rank | None]:
+    """Start the other processes of a run, as many as ``trainer.devices`` asks for; None if it needs no other.
+
+    They end when this process does, however it ends.
+
+    Args:
+        config: of the run.
+        directory: of the run; the others only read from it.
+        key: of the run.
+        resume: whether to go on from its last checkpoint.
+
+    Raises:
+        UserError: one of them died.
+    """
+    if config.trainer.devices == 1:
+        yield None
+        return
+    rank = Rank(0, _free_port())
+    given = {"config": config.plain, "directory": str(directory.path), "key": asdict(key), "resume": resume}
+    others: list[_Other] = []
+    try:
+        others += (_start(n, {**given, "port": rank.port}) for n in range(1, config.trainer.devices))
+        yield rank
+        _require_well(others, ENDS_S)
+    except RuntimeError:  # that of torch: the connection to another one was lost
+        _require_well(others, DIES_S)
+        raise
+    finally:
+        if torch.distributed.is_initialized():
+            torch.distributed.destroy_process_group()
+        for other in others:
+            other.end()
+
+
+def _require_well(others: Sequence[_Other], within_s: float) -> None:
+    until = time.monotonic() + within_s
+    for other in others:
+        other.require_well(max(0.0, until - time.monotonic()))
+
+
+def _start(number: int, given: dict[str, object]) -> _Other:
+    errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed with the process
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
+        text=True,
+        start_new_session=True,  # Ctrl-C is for the first process, which ends the others
+    )
+    assert process.stdin is not None
+    process.stdin.write(json.dumps({**given, "rank": number, "path": sys.path}) + "\n")
+    process.stdin.flush()  # and stays open: that it closes is how the other one notices the end of this process
+    return _Other(number, process, errors)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
