@@ -11,6 +11,7 @@ from sextant import cli
 from sextant.cli import claims, corruptions_make, dashboard, data, gallery, predict, report, train, trajectory
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.cosfire_detection.options import DetectionOptions
+from sextant.cli.data_describe import DescribeOptions
 from sextant.cli.evaluate import split_run
 from sextant.cli.photo_calibration.options import CalibrationOptions
 from sextant.composing.compose import compose, to_plain
@@ -145,10 +146,12 @@ def _claims(command: Command, words: list[str]) -> None:
 
 def _data(command: Command, words: list[str]) -> None:
     verb, *rest = words
-    _among("sextant data", verb, ["list", "render", "verify", "gallery"])
+    _among("sextant data", verb, ["list", "render", "describe", "verify", "gallery"])
     if verb == "render":
         _, overrides = data.render_options(rest)
         checked(to_plain(compose(overrides)))
+    elif verb == "describe":
+        DescribeOptions.of(parse_arguments(rest, DescribeOptions.meanings(), command.text), command.text)
     elif verb == "gallery":
         parse_arguments(rest, gallery.GalleryOptions.meanings(), command.text)
 

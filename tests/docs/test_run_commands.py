@@ -64,6 +64,7 @@ NOT_RUN = {
     r"^python predict\.py run=": "needs a trained run of its task; smaller in tests/cli",
     r"^python report\.py sweep=<name>": "as the reports of tests/system/test_sweep.py",
     r"^python -m sextant\.corruptions": "needs CIFAR-10; smaller in tests/corruptions/test_make_command.py",
+    r"^sextant (data describe|predict run=)": "needs a trained run of place recognition; tests/applications/places",
     r"^sextant data (render|verify|gallery)": "renders for minutes; smaller in tests/cli/test_data.py",
     r"^sextant claims": "as tests/lifecycle/test_claims.py, or runs sweeps",
     r"^sextant report .*html=": "as tests/reports/test_html_page.py",

@@ -143,7 +143,7 @@ def test_the_death_of_another_process_is_told_and_the_run_goes_on_from_its_last_
     (other,) = [child for child in children if any("rank_process" in word for word in child.cmdline())]
     other.kill()
     _, told = process.communicate(timeout=120)
-    assert process.returncode == 1
+    assert process.returncode == 2
     assert "process 1 of this run ended: by signal 9" in told
     (directory,) = all_runs(tmp_path)
     assert "process 1" in directory.state()["failure"]

@@ -6,45 +6,39 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydra.utils import get_object
 from pydantic import Field
 from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.arguments import Options
 from sextant.cli.console import console, key_value_table
+from sextant.cli.data_describe import DESCRIBE, Sharded, describe
 from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
 from sextant.composing.compose import compose, to_plain
-from sextant.composing.config_files import groups, read_config_file
+from sextant.composing.rendered_datasets import is_rendered, rendered_datasets
 from sextant.config import validate
 from sextant.config.building import naming_groups
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset
-from sextant.runs.outputs_folder import conf_dir
 
 if TYPE_CHECKING:
     from sextant.data.rendered import Progress, RenderedStore, RenderPlan, StoreReport
 
-USAGE = """sextant data list
+USAGE = f"""sextant data list
 sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2] [shards=3 [shard=0]]
+{DESCRIBE}
 sextant data verify <store or its folder> [repair=true]
 sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"""
 LINE_S = 5.0
 SHOWN_DAMAGES = 50
 
 
-class RenderOptions(Options):
+class RenderOptions(Sharded):
     """What the user chose of rendering, the config of the dataset apart."""
 
     threads: int = Field(ge=1, le=256, examples=[2])
     """that render"""
-
-    shards: int | None = Field(None, ge=1, le=10_000, examples=[3])
-    """parts that are rendered apart; without shard=, what was rendered of each is put together"""
-
-    shard: int | None = Field(None, ge=0, examples=[0])
-    """number of the part to render, from 0"""
 
 
 class VerifyOptions(Options):
@@ -56,7 +50,7 @@ class VerifyOptions(Options):
 
 def main(arguments: Sequence[str]) -> None:
     """Run one of the commands of :data:`USAGE`."""
-    verbs = {"list": _list, "render": _render, "verify": _verify, "gallery": gallery}
+    verbs = {"list": _list, "render": _render, "describe": describe, "verify": _verify, "gallery": gallery}
     verb = arguments[0] if arguments else "list"
     if any(argument in ("-h", "--help") for argument in arguments):
         print(USAGE)
@@ -104,7 +98,7 @@ def _state(path: Path) -> tuple[str, str]:
 def _render(arguments: list[str]) -> None:
     options, overrides = render_options(arguments)
     if not any(override.startswith("dataset=") for override in overrides):
-        raise UserError("which dataset? dataset= is missing", f"{_rendered_datasets()}\n\n{USAGE}")
+        raise UserError("which dataset? dataset= is missing", f"{rendered_datasets()}\n\n{USAGE}")
     plan, cache = _plan(overrides)
     began, state = time.monotonic(), "nothing"
     try:
@@ -127,29 +121,12 @@ def _plan(overrides: Sequence[str]) -> "tuple[RenderPlan, Path]":
     """The plan of the dataset that ``overrides`` choose, and the folder of stores."""
     config = validate(to_plain(compose(overrides)))
     target = config.dataset.target
-    if not _is_rendered(target):
+    if not is_rendered(target):
         chosen = next(override for override in overrides if override.startswith("dataset="))
-        raise UserError(f"{chosen} is not rendered: there is nothing to do", _rendered_datasets())
+        raise UserError(f"{chosen} is not rendered: there is nothing to do", rendered_datasets())
     with naming_groups(config.plain):
         source: Any = build_dataset(config)
         return source.plan(), Path(config.paths.cache)
-
-
-def _is_rendered(target: str) -> bool:
-    try:
-        return callable(getattr(get_object(target), "plan", None))
-    except Exception:  # get_object raises whatever importing the user's module does; building it tells more
-        return not target.startswith("sextant.")
-
-
-def _rendered_datasets() -> str:
-    """The options of the group ``dataset`` that can be rendered, in one sentence."""
-    names = []
-    for name in groups()["dataset"]:
-        content = read_config_file(conf_dir() / "dataset" / f"{name}.yaml")
-        if _is_rendered(str(content.get("_target_", "sextant."))):
-            names.append(name)
-    return f"Rendered datasets: {', '.join(names) or 'none yet'}"
 
 
 def _opened(plan: "RenderPlan", cache: Path, options: RenderOptions) -> "RenderedStore":
@@ -180,9 +157,7 @@ def render_options(arguments: Sequence[str]) -> tuple[RenderOptions, list[str]]:
             given[key] = value
         else:
             overrides.append(argument)
-    if "shard" in given and "shards" not in given:
-        raise UserError(f"shard={given['shard']}: of how many? shards= is missing", USAGE)
-    return RenderOptions.of(given), overrides
+    return RenderOptions.of(given, USAGE), overrides
 
 
 def _shown(value: Any) -> str:

@@ -28,7 +28,8 @@ class Batch:
     def to(self, device: torch.device, non_blocking: bool = False) -> "Batch":
         """The batch on another device."""
         tensors = (self.images, self.labels, self.indices)
-        return Batch(*(tensor.to(device, non_blocking=non_blocking) for tensor in tensors), weight=self.weight)
+        images, labels, indices = (tensor.to(device, non_blocking=non_blocking) for tensor in tensors)
+        return Batch(images, labels, indices, self.weight)
 
     def images_in_unit_range(self) -> Tensor:
         """Images as float32 in [0, 1]."""

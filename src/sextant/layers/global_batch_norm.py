@@ -17,13 +17,13 @@ class _Sum(torch.autograd.Function):
         return total
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> Tensor:  # type: ignore[override]
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
         return _Sum.forward(ctx, gradient)
 
 
 def sum_over_processes(x: Tensor) -> Tensor:
     """The sum of what all processes give; a process's gradient is the sum of what all make of it."""
-    return _Sum.apply(x)  # type: ignore[no-any-return,no-untyped-call]
+    return _Sum.apply(x)  # type: ignore[no-any-return]
 
 
 class _Global(nn.modules.batchnorm._BatchNorm):

@@ -161,8 +161,12 @@ class DescribedMap:
                 f"({self.model[:12]}), and descriptors of two networks cannot be compared",
                 "Name the run that the map was made with, or add its photos anew.",
             )
-        self._parts, self._files = [described], {path.absolute() for path in described.paths}
+        self.hold(described)
         return self
+
+    def hold(self, described: DescribedPhotos) -> None:
+        """Take photos that this map's descriptor has described, in place of those that it has."""
+        self._parts, self._files = [described], {path.absolute() for path in described.paths}
 
     def match(
         self,

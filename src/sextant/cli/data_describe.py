@@ -1,0 +1,61 @@
+"""``sextant data describe``: the photos of a map, by one process or in parts."""
+
+from collections.abc import Mapping, Sequence
+from typing import Self
+
+from pydantic import Field
+
+from sextant.applications.places.photo_folder import photos_below
+from sextant.cli.arguments import Options, UserPath, parse_arguments
+from sextant.cli.console import console
+from sextant.cli.predict_handler import open_run
+from sextant.cli.skipped_files import tell_skipped
+from sextant.cli.work_progress import work_progress
+from sextant.errors import UserError
+
+DESCRIBE = "sextant data describe run=<run> map=<photos> output=<folder> [shards=3 [shard=0]]"
+
+
+class Sharded(Options):
+    """What can be done in parts, each by a process of its own."""
+
+    shards: int | None = Field(None, ge=1, le=10_000, examples=[3])
+    """parts that are made apart; without shard=, what was made of each is put together"""
+    shard: int | None = Field(None, ge=0, examples=[0])
+    """number of the part to make, from 0"""
+
+    @classmethod
+    def of(cls, given: Mapping[str, str], usage: str | None = None) -> Self:
+        """As :meth:`Options.of`; a part needs to know of how many it is one."""
+        if "shard" in given and "shards" not in given:
+            raise UserError(f"shard={given['shard']}: of how many? shards= is missing", usage)
+        return super().of(given, usage)
+
+
+class DescribeOptions(Sharded):
+    """What the user chose of describing a map."""
+
+    run: str
+    """of place recognition, or its checkpoint; outputs= and trust= as in predict.py"""
+    map: str
+    """folder of photos"""
+    output: UserPath
+    """folder of the map, which predict.py takes as map=<folder>"""
+
+
+def describe(arguments: Sequence[str]) -> None:
+    """Describe photos, or put together what was described of them."""
+    given = parse_arguments(arguments, DescribeOptions.meanings() | {"outputs": "", "trust": ""}, DESCRIBE)
+    options = DescribeOptions.of(given, DESCRIBE)
+    photos, trained = photos_below(options.map, "map", options.output, one=False), open_run(given)
+    from sextant.applications.places.map_shards import describe_shard, merge_shards
+    from sextant.applications.places.place_map import PlaceMap
+
+    places = PlaceMap.of(trained.content, trained.found, trust=trained.trust)
+    if options.shards is not None and options.shard is None:
+        merge_shards(places, photos, options.output, options.shards)
+    else:
+        with work_progress("describing", "photos") as progress:
+            describe_shard(places, photos, options.output, options.shard, options.shards or 1, progress)
+    tell_skipped(places.described.failed)
+    console.print(f"{len(places):,} photos described: {options.output}")
