@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sextant.data.rendered import ArraySpec, RenderPlan, load_store, notify_stderr, open_store
+from sextant.data.rendered import ArraySpec, RenderPlan, load_store, open_store
 
 
 class ToyPlan(RenderPlan):
@@ -65,8 +65,8 @@ class ToyWorld:
 
 def fill(cache, options, threads=1, waits=None):
     """In a process of its own: fill the store; ``waits`` is a file for what it says while it waits."""
-    notify = notify_stderr if waits is None else Path(waits).write_text
-    open_store(ToyPlan(**options), cache, notify=notify).fill(threads=threads)
+    told = {} if waits is None else {"notify": Path(waits).write_text}
+    open_store(ToyPlan(**options), cache, **told).fill(threads=threads)
 
 
 def read_item(cache, options, index, queue):
