@@ -45,6 +45,9 @@ dashboard: $(READY) ## bring the MLflow store up to date and open it on this mac
 bench: $(READY) ## timings against what a user would pick instead, as ratios
 	$(BIN)/python -m benchmarks
 
+gpu-check: $(READY) ## tests and timings on a CUDA device, at most 8 minutes, written to docs/benchmarks_gpu.md
+	$(BIN)/python -m benchmarks.gpu_check
+
 lock: $(READY) ## pin every dependency anew in requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --no-emit-index-url --no-header -q -o requirements.lock
 
@@ -59,4 +62,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench lock clean
+.PHONY: help run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check lock clean

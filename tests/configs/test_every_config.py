@@ -17,6 +17,7 @@ from sextant.config.schema.places.parts import PlaceLoss
 from sextant.data.localization.faults import Fault
 from sextant.errors import UserError
 from sextant.geometry import Parameterization, ParameterSpace
+from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes.assemble import build_dataset
 from sextant.recipes.cosfire_checks import check_parts
@@ -130,6 +131,19 @@ def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
         config = cell_config(design, setting, arms[number % len(arms)])[1]
         if isinstance(config.task, CosfireTask):
             check_parts(config, config.task)
+
+
+@pytest.mark.parametrize("option", [name for name in groups()["sweep"] if name.startswith("search_")])
+def test_a_stored_search_is_right_in_the_middle_and_at_the_ends_of_its_space(option):
+    design, config = read_search([f"sweep={option}"])
+    assert len(design.space) >= 2
+    assert len(design.seeds) >= 3
+    assert config.sweep.name == design.name == option
+
+
+def test_every_chapter_has_a_search():
+    tasks = {read_search([f"sweep={name}"])[1].task.name for name in groups()["sweep"] if name.startswith("search_")}
+    assert tasks == set(groups()["task"])
 
 
 @pytest.mark.parametrize(("group", "option"), CHOICES)
