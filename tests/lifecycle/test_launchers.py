@@ -160,7 +160,7 @@ def test_what_waits_in_the_queue_is_not_submitted_again_and_what_is_cancelled_en
     (slurm / "queue").write_text(
         f"{submission.name}|1|7|PENDING|0|(Resources)\n{submission.name}|0|7|COMPLETING|0|n1\n"
     )
-    assert read_queue()[name, 1].job == "7_1"
+    assert read_queue()[submission.name, 1].job == "7_1"
     assert launch(both, config(tmp_path, *SLURM, "launcher.wait=false"), folder) == [None, None]
     assert [submission.tasks for submission in submissions(folder)] == [[[c.name] for c in both], [[both[0].name]]]
     assert cancel_all(folder) == 1
