@@ -114,6 +114,22 @@ def test_the_seeds_asked_for_decide_four_times_in_five(mean, expects, matters):
     assert fewer["holds"] + fewer["fails"] < decided["holds"] + decided["fails"]
 
 
+@pytest.mark.parametrize("parts", [1, 4, 20])
+@pytest.mark.parametrize(("mean", "expects"), [(0.4, "better"), (-1.6, "as_good")])
+def test_the_seeds_asked_for_decide_a_part_of_many_four_times_in_five(mean, expects, parts):
+    found = Estimate.of_pairs(mean, 2.0, 8)
+    seeds = 8 + further_seeds(found, expects, 1.0, parts)
+    assert simulated(mean / 2, expects, 0.5, seeds, parts)["fails"] == pytest.approx(0.8, abs=0.06)
+
+
+def test_holding_needs_no_more_seeds_for_being_one_of_many_parts():
+    found = Estimate.of_pairs(1.5, 2.0, 8)
+    assert further_seeds(found, "better", 1.0, 20) == further_seeds(found, "better", 1.0)
+    assert further_seeds(Estimate.of_pairs(0.5, 2.0, 8), "better", 1.0, 20) > further_seeds(
+        Estimate.of_pairs(0.5, 2.0, 8), "better", 1.0
+    )
+
+
 def test_an_effect_at_its_border_needs_more_seeds_than_anyone_has():
     assert further_seeds(Estimate.of_pairs(1.0, 2.0, 8), "better", 1.0) is None
 

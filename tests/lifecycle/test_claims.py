@@ -134,7 +134,7 @@ def test_seeds_too_few_are_undecided_and_say_how_many_more(tmp_path):
     stored_pairs(tmp_path, ("lenet_a", 3.0, 0.1), seeds=3)
     (claim,) = decided(tmp_path, demo=demo())
     assert claim.verdict == "undecided"
-    assert seeds_told(claim.deciding, claim.verdict) == "3; at least 5 more needed"
+    assert seeds_told(claim.deciding, claim.verdict, 1) == "3; at least 5 more needed"
 
 
 def test_a_table_without_a_pair_that_converged_is_undecided(tmp_path):

@@ -61,7 +61,7 @@ def main(arguments: Sequence[str]) -> None:
     table = Table("claim", "verdict", "effect in its favour, 95 %", "asked", "seeds")
     for claim in decided:
         first = claim.deciding
-        told = seeds_told(first, claim.verdict)
+        told = seeds_told(first, claim.verdict, len(claim.counting))
         table.add_row(claim.name, claim.verdict, f"{first.effect()} {first.unit}", first.asked(), told)
     console.print(table)
     for sweep, why in tables.left_out.items():

@@ -108,29 +108,32 @@ def together(verdicts: Sequence[Verdict]) -> Verdict:
     return "holds" if verdicts and all(verdict == "holds" for verdict in verdicts) else "undecided"
 
 
-def further_seeds(found: Estimate, expects: Expectation, matters: float) -> int | None:
+def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> int | None:
     """How many more seeds an undecided comparison needs, if mean and spread stay as they are.
 
-    The smallest n whose interval clears the border that the mean is farthest beyond, with a chance of ``POWER``:
-    ``(t_{0.975} + t_{0.8}) s / sqrt(n) <= distance``, and never fewer than ``SEEDS_FOR_A_CLAIM``.
+    The smallest n whose interval clears the border that the mean is beyond, with a chance of ``POWER``:
+    ``(t_{1 - a} + t_{0.8}) s / sqrt(n) <= distance``, a the tail of that verdict in :func:`decide`, and never fewer
+    than ``SEEDS_FOR_A_CLAIM``.
+
+    Args:
+        found, expects, matters, parts: as for :func:`decide`.
 
     Returns:
         The number; None where it is beyond ``MOST_SEEDS``, or nothing is known of the spread of enough seeds.
     """
-    least = max(0, SEEDS_FOR_A_CLAIM - found.seeds)
-    bar = max(matters, abs(found.floor))
-    distances = {
-        "better": max(found.mean - bar, matters - found.mean),
-        "as_good": abs(found.mean + matters),
-        "same": max(matters - abs(found.mean), abs(found.mean) - bar),
-    }
-    distance = distances[expects]
     if found.seeds < 2 or math.isnan(found.error):
-        return least or None
+        return max(0, SEEDS_FOR_A_CLAIM - found.seeds) or None
+    bar, size = max(matters, abs(found.floor)), abs(found.mean)
+    holds, fails = {
+        "better": (found.mean - bar, matters - found.mean),
+        "as_good": (found.mean + matters, -matters - found.mean),
+        "same": (matters - size, size - bar),
+    }[expects]
     spread = found.error * math.sqrt(found.seeds)
     for seeds in range(max(found.seeds, SEEDS_FOR_A_CLAIM), MOST_SEEDS + 1):
         freedom = found.freedom * seeds / found.seeds
-        quantiles = stats.t.ppf(1 - TAIL, freedom) + stats.t.ppf(POWER, freedom)
-        if quantiles * spread / math.sqrt(seeds) <= distance:
-            return seeds - found.seeds
+        for distance, tail in ((holds, TAIL), (fails, TAIL / parts)):
+            quantiles = stats.t.ppf(1 - tail, freedom) + stats.t.ppf(POWER, freedom)
+            if distance > 0 and quantiles * spread / math.sqrt(seeds) <= distance:
+                return seeds - found.seeds
     return None

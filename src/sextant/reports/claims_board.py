@@ -111,7 +111,7 @@ class DecidedClaim:
         """
         made = [each for each, verdict in zip(self.counting, self.verdicts, strict=True) if verdict == self.verdict]
         if self.verdict == "undecided":
-            return max(made, key=_needed)
+            return max(made, key=lambda each: _needed(each, len(self.counting)))
         return made[0] if self.verdict == "fails" else min(made, key=_distance)
 
     @property
@@ -152,14 +152,14 @@ def picture(claim: DecidedClaim) -> str:
     return claim_strips([each.strip() for each in claim.comparisons])
 
 
-def seeds_told(comparison: Comparison, verdict: Verdict) -> str:
-    """The seeds of a comparison, and how many more it needs if it is undecided."""
+def seeds_told(comparison: Comparison, verdict: Verdict, parts: int) -> str:
+    """The seeds of a comparison, and how many more it needs if it is undecided, one of so many parts of a claim."""
     found = comparison.estimate
     if found.counted:
         return NOTHING
     if verdict != "undecided":
         return str(found.seeds)
-    more = further_seeds(found, comparison.expects, comparison.matters)
+    more = further_seeds(found, comparison.expects, comparison.matters, parts)
     if more is None:
         return f"{found.seeds}; more than {MOST_SEEDS:,} needed"
     return f"{found.seeds}; {'at least' if found.seeds < SEEDS_FOR_A_CLAIM else 'about'} {more} more needed"
@@ -179,7 +179,7 @@ def _row(claim: DecidedClaim) -> list[str]:
     return [
         *(f"[{claim.sentence}](#{claim.name})", str(claim.chapter), f"**{claim.verdict}**"),
         *(first.effect(), first.asked(), first.unit),
-        *(claim.published, seeds_told(first, claim.verdict)),
+        *(claim.published, seeds_told(first, claim.verdict, len(claim.counting))),
     ]
 
 
@@ -189,7 +189,7 @@ def _section(claim: DecidedClaim, pictures: str) -> str:
     for each in claim.comparisons:
         verdict = each.verdict(count)
         told = "beside" if each.beside else verdict
-        seeds = str(each.estimate.seeds) if each.beside else seeds_told(each, verdict)
+        seeds = str(each.estimate.seeds) if each.beside else seeds_told(each, verdict, count)
         rows.append([each.label, each.effect(), each.unit, each.asked(), seeds, told, each.note])
     table = TextTable(["comparison", "effect in its favour, 95 %", "unit", "asked", "seeds", "verdict", "note"], rows)
     commands = "\n".join(claim.commands)
@@ -204,8 +204,8 @@ def _section(claim: DecidedClaim, pictures: str) -> str:
     )
 
 
-def _needed(comparison: Comparison) -> float:
-    more = further_seeds(comparison.estimate, comparison.expects, comparison.matters)
+def _needed(comparison: Comparison, parts: int) -> float:
+    more = further_seeds(comparison.estimate, comparison.expects, comparison.matters, parts)
     return math.inf if more is None else more
 
 

@@ -30,7 +30,12 @@ def _overview(claims: Sequence[DecidedClaim]) -> Spec:
     for claim in claims:
         first = claim.deciding
         if first.matters:
-            tip = {"claim": claim.sentence, "verdict": claim.verdict, **_tip(first), "published": claim.published}
+            tip = {
+                "claim": claim.sentence,
+                "verdict": claim.verdict,
+                **_tip(first, len(claim.counting)),
+                "published": claim.published,
+            }
             rows.append(_row(first, claim.name, claim.verdict, tip, 1 / first.matters, f"#{claim.name}"))
     axis = "effect in favour of the claim, in units of the smallest that matters"
     title = "The comparison that decides each claim; a click leads to it"
@@ -44,7 +49,7 @@ def _of_claim(claim: DecidedClaim) -> list[Spec]:
         rows = []
         for each in (each for each in claim.comparisons if each.unit == unit):
             kind = BESIDE if each.beside else each.verdict(count)
-            rows.append(_row(each, each.label, kind, {"comparison": each.label, "verdict": kind, **_tip(each)}))
+            rows.append(_row(each, each.label, kind, {"comparison": each.label, "verdict": kind, **_tip(each, count)}))
         charts.append(interval_chart(rows, f"{unit} (for the claim: positive)", order=(*VERDICTS, BESIDE)))
     return charts
 
@@ -58,7 +63,7 @@ def _row(
     return IntervalRow(label, mean, low, high, kind, band, tip=tip, link=link)
 
 
-def _tip(found: Comparison) -> dict[str, str]:
-    verdict = "undecided" if found.beside else found.verdict(1)
-    told = {"effect": f"{found.effect()} {found.unit}", "asked": found.asked(), "seeds": seeds_told(found, verdict)}
+def _tip(found: Comparison, parts: int) -> dict[str, str]:
+    seeds = str(found.estimate.seeds) if found.beside else seeds_told(found, found.verdict(parts), parts)
+    told = {"effect": f"{found.effect()} {found.unit}", "asked": found.asked(), "seeds": seeds}
     return told | ({"note": found.note} if found.note else {})
