@@ -38,6 +38,12 @@ def test_one_wrong_override(override, said):
     assert said in told([override])
 
 
+def test_a_key_within_an_option_that_holds_none_is_unknown():
+    assert "corruption.corruptions.gaussian.levels=[0.1]: unknown key" in told(
+        ["corruption=none", "corruption.corruptions.gaussian.levels=[0.1]"]
+    )
+
+
 def test_the_wrong_one_of_several_is_named():
     assert "backbone=lenet_z" in told(["dataset=digits", "optimizer.lr=0.1", "backbone=lenet_z"])
 

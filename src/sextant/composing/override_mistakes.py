@@ -124,7 +124,9 @@ def _other_kind(key: str, value: Any, chosen: dict[str, Any]) -> str | None:
 def _how_to_set(key: str, chosen: dict[str, Any]) -> str:
     held = _flat(chosen)[key]
     if isinstance(held, dict):
-        inner, value = next(((k, v) for k, v in held.items() if not isinstance(v, dict | list)), (next(iter(held)), ""))
+        inner, value = next(
+            ((k, v) for k, v in held.items() if not isinstance(v, dict | list)), (next(iter(held), "<key>"), "<value>")
+        )
         return f"Set one of them, for example {key}.{inner}={value}; a file in conf/ can hold anything else."
     return f"Write a list, {key}=[..]; a file in conf/ can hold anything else."
 
