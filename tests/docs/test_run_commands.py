@@ -68,6 +68,7 @@ NOT_RUN = {
     r"^sextant data (render|verify|gallery)": "renders for minutes; smaller in tests/cli/test_data.py",
     r"^sextant claims": "as tests/lifecycle/test_claims.py, or runs sweeps",
     r"^sextant report .*html=": "as tests/reports/test_html_page.py",
+    r"^sextant (export|register)": "as tests/lifecycle/test_exporting.py and test_registering.py",
     r"^sextant doctor": "as tests/cli/test_doctor.py and tests/runs/test_machine.py",
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
     r"^sextant trajectory": "needs two trajectories; tests/cli/test_trajectory.py runs it on files of that kind",

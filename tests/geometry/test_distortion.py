@@ -139,3 +139,12 @@ def test_with_the_lopez_family_the_gradient_is_the_closed_form():
     (gradient,) = torch.autograd.grad(r, k1)
     slope = 1 + 3 * k1 * r**2 + 5 * k2_of_k1(k1) * r**4
     torch.testing.assert_close(gradient, -(r**3 + (0.019 + 1.61 * k1) * r**5) / slope)
+
+
+def test_the_steps_of_an_exported_graph_are_enough_except_next_to_the_fold(monkeypatch):
+    k1 = torch.linspace(-0.4, 0.2, 61)[:, None].expand(-1, 200)
+    k2 = k2_of_k1(k1)
+    distorted = torch.linspace(0, 0.999, 200) * max_distorted_radius(k1, k2).clamp(max=2.0)
+    wanted = undistort_radius(distorted, k1, k2)
+    monkeypatch.setattr(torch.compiler, "is_exporting", lambda: True)
+    torch.testing.assert_close(undistort_radius(distorted, k1, k2), wanted, rtol=0, atol=1e-5)

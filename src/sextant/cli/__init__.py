@@ -12,10 +12,7 @@ USAGE = "usage: sextant <verb> [key=value ...]"
 VERBS = {
     "train": ("sextant.cli.train", "train and test a model, or sweep with -m"),
     "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
-    "predict": (
-        "sextant.cli.predict",
-        "classify images, calibrate photos, find places, or detect what an example shows",
-    ),
+    "predict": ("sextant.cli.predict", "classify images, calibrate photos, find places, or detect an example"),
     "sweep": ("sextant.cli.sweep", "status of a sweep that runs elsewhere; attach to it, or cancel it"),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),
     "claims": ("sextant.cli.claims", "decide the claims of the thesis, and write their board"),
@@ -23,6 +20,8 @@ VERBS = {
     "runs": ("sextant.cli.runs", "list runs, or delete them from disk and store together"),
     "compare": ("sextant.cli.compare", "what two runs differ in, and whether seeds alone make their metrics differ so"),
     "trajectory": ("sextant.cli.trajectory", "errors of an estimated trajectory: APE, RPE, KITTI's t_rel and r_rel"),
+    "export": ("sextant.cli.export", "write the network of a run as ONNX or for torch.export"),
+    "register": ("sextant.cli.register", "make a run a model of MLflow's registry, which can be served"),
     "doctor": ("sextant.cli.doctor", "look at versions, data, runs and hardware; or check the geometry of calibration"),
     "dashboard": ("sextant.cli.dashboard", "open MLflow on this machine"),
 }
@@ -35,6 +34,7 @@ EXTRAS = {
     ),
     "worlds": ("embreex", "shapely", "networkx"),
     "search": ("optuna", "cmaes"),
+    "export": ("onnx", "onnxruntime", "onnxscript"),
     "html": ("vl_convert", "markdown_it"),
     "timm": ("timm",),
 }  # fmt: skip

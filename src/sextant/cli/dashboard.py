@@ -1,6 +1,5 @@
 """``sextant dashboard``: bring MLflow up to date with the run directories, and open it on this machine."""
 
-import socket
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -50,9 +49,10 @@ def main(arguments: Sequence[str]) -> None:
     except OSError as error:
         raise UserError(f"outputs={outputs} is not a folder that can be written to: {error.strerror}") from None
     server = _server(options)
-    port = _free_port(options.port)
-
+    from sextant.tracking.server import free_port
     from sextant.tracking.store import open_store, telling_store_errors
+
+    port = free_port(HOST, options.port)
 
     if server is not None:
         with telling_store_errors(server):
@@ -108,11 +108,3 @@ def _serve(store: "Store", outputs: Path, port: int) -> None:
                 server.wait(LOOK_EVERY_S)
             except subprocess.TimeoutExpired:
                 catch_up("sqlite", None, outputs, TERMINAL)
-
-
-def _free_port(first: int) -> int:
-    for port in range(first, min(first + 100, 65536)):
-        with socket.socket() as probe:
-            if probe.connect_ex((HOST, port)) != 0:
-                return port
-    raise UserError(f"no free port from {first} on")

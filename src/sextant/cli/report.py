@@ -14,6 +14,16 @@ if TYPE_CHECKING:
     from sextant.reports.results import SweepResults
 
 USAGE = "sextant report sweep=<name, directory or MLflow parent run> [html=<folder>]"
+#: of the table of a contrast
+COLUMNS = (
+    "setting",
+    "condition",
+    "difference, 95 % over seeds",
+    "noise floor",
+    "published",
+    "pairs",
+    "p (Wilcoxon, Holm)",
+)
 
 
 class ReportOptions(Options):
@@ -79,29 +89,16 @@ def _show(results: "SweepResults") -> None:
     console.print(f"[bold]{results.plan.name}[/]: {len(results.cells)} runs planned, {counts}")
     rows = contrasts(results)
     for name in dict.fromkeys(row.contrast for row in rows):
-        columns = (
-            "setting",
-            "condition",
-            "difference, 95 % over seeds",
-            "noise floor",
-            "published",
-            "pairs",
-            "p (Wilcoxon, Holm)",
-        )
         title = f"{name}: {results.measure.difference}, {results.measure.better} is better"
-        table = Table(*columns, title=title, title_justify="left", title_style="bold")
+        table = Table(*COLUMNS, title=title, title_justify="left", title_style="bold")
         for row in (row for row in rows if row.contrast == name):
             paired, floor = row.paired, row.floor
-            shown = "–"
-            if paired is not None:
-                shown = f"{number(paired.mean, sign=True)} {interval(paired.low, paired.high, sign=True)}"
-            table.add_row(
-                row.setting,
-                row.condition,
-                shown,
-                "–" if floor is None else interval(floor.low, floor.high, sign=True),
-                number(row.published, sign=True),
-                "0" if paired is None else str(paired.seeds),
-                number(row.p_holm, 3),
+            found = (
+                "–"
+                if paired is None
+                else f"{number(paired.mean, sign=True)} {interval(paired.low, paired.high, sign=True)}"
             )
+            alone = "–" if floor is None else interval(floor.low, floor.high, sign=True)
+            published, pairs = number(row.published, sign=True), "0" if paired is None else str(paired.seeds)
+            table.add_row(row.setting, row.condition, found, alone, published, pairs, number(row.p_holm, 3))
         console.print(table)

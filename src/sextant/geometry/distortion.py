@@ -21,6 +21,7 @@ from sextant.errors import UserError
 K2Family = Literal["lopez", "zero", "free"]
 SLOPE_FLOOR = 0.05  # gradients of the inverse are 1 / slope: this bounds them next to a fold
 MAX_STEPS = 64  # Newton needs about 6; next to a fold bisection takes over
+EXPORTED_STEPS = 16  # next to a fold an exported graph is right to 1e-5 only
 
 
 def k2_of_k1(
@@ -116,7 +117,8 @@ def _solve(distorted: Tensor, k1: Tensor, k2: Tensor) -> Tensor:
     radius = torch.minimum(start, high)
     small = torch.finfo(distorted.dtype).eps ** (2 / 3)  # after such a step of Newton's the error is below rounding
     done = out_of_reach
-    for _ in range(MAX_STEPS):
+    exporting = torch.compiler.is_exporting()  # of a graph every step is a part, and none asks whether to go on
+    for _ in range(EXPORTED_STEPS if exporting else MAX_STEPS):
         excess = distort_radius(radius, k1, k2) - distorted
         low, high = torch.where(excess < 0, radius, low), torch.where(excess > 0, radius, high)
         newton = radius - excess / _slope(radius * radius, k1, k2)
@@ -125,7 +127,7 @@ def _solve(distorted: Tensor, k1: Tensor, k2: Tensor) -> Tensor:
         last = (inside & ((newton - radius).abs() <= small * radius)) | newton.isnan()
         radius = torch.where(done, radius, proposal)
         done = done | last
-        if done.all():
+        if not exporting and done.all():
             break
     return torch.where(out_of_reach, fold, radius)
 

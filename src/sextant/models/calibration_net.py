@@ -34,7 +34,7 @@ def coordinate_channels(height: int, width: int, aspect: Float[Tensor, "b"]) -> 
     """
     v = (torch.arange(height, dtype=aspect.dtype, device=aspect.device) + 0.5) / height - 0.5
     u = ((torch.arange(width, dtype=aspect.dtype, device=aspect.device) + 0.5) / width - 0.5) * aspect[:, None]
-    v, u = v[None, :, None].expand(len(aspect), height, width), u[:, None, :].expand(-1, height, width)
+    v, u = v[None, :, None].expand(aspect.shape[0], height, width), u[:, None, :].expand(-1, height, width)
     return torch.stack([u, v, u * u + v * v], 1)
 
 

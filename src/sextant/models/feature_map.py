@@ -80,6 +80,8 @@ class FeatureMap(nn.Module):
         return self._run(x)
 
     def _run(self, x: Tensor) -> Tensor:
+        if torch.compiler.is_exporting():
+            return self._kept_on_the_way(x)
         # registered for each run: a hook that stayed would keep the layer from being replaced by one with inhibition
         hook = self.network.get_submodule(self.layer).register_forward_hook(_stop)
         try:
@@ -89,6 +91,17 @@ class FeatureMap(nn.Module):
         finally:
             hook.remove()
         raise UserError(f"layer={self.layer!r} is not used by {type(self.network).__name__}", "Choose another layer.")
+
+    def _kept_on_the_way(self, x: Tensor) -> Tensor:
+        """The same for tracers, which do not follow exceptions: the network goes on, and nothing uses what follows."""
+        kept: list[Tensor] = []
+        layer = self.network.get_submodule(self.layer)
+        hook = layer.register_forward_hook(lambda module, inputs, output: kept.append(output))
+        try:
+            self.network(x)
+        finally:
+            hook.remove()
+        return kept[0]
 
 
 def _stop(module: nn.Module, inputs: object, output: Tensor) -> None:

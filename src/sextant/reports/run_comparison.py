@@ -56,7 +56,7 @@ def compare_runs(first: RunDirectory, second: RunDirectory, outputs: Path) -> Ru
     in their seeds alone are within ``t_ν sqrt(2) s`` of each other 95 times in 100.
     """
     states = first.state(), second.state()
-    groups = [_alike(state, outputs) for state in states]
+    groups = [metrics_alike(state, outputs) for state in states]
     if states[0].get("digest") == states[1].get("digest"):
         groups = groups[:1]
     values = [_metrics(run) for run in (first, second)]
@@ -80,7 +80,7 @@ def _reach(name: str, groups: Sequence[Sequence[Mapping[str, float]]]) -> tuple[
     return float(stats.t.ppf(0.975, freedom)) * math.sqrt(2 * variance), sum(map(len, samples))
 
 
-def _alike(state: Mapping[str, Any], outputs: Path) -> list[Mapping[str, float]]:
+def metrics_alike(state: Mapping[str, Any], outputs: Path) -> list[Mapping[str, float]]:
     """Metrics of all finished runs of the same config, code and data, one a seed."""
     keys = ("task", "digest", "code", "data")
     found: dict[Any, Mapping[str, float]] = {}

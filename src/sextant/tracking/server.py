@@ -8,6 +8,7 @@ of its workers.
 
 import ctypes
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -15,6 +16,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import psutil
+
+from sextant.errors import UserError
 
 PR_SET_CHILD_SUBREAPER = 36
 PATIENCE_S = 5.0
@@ -28,6 +31,19 @@ def server_command(host: str, port: int, database: str, artifacts: str) -> list[
         *(sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port), "--workers", "1"),
         *("--backend-store-uri", database, "--artifacts-destination", artifacts),
     ]
+
+
+def free_port(host: str, first: int) -> int:
+    """The first free port from here on.
+
+    Raises:
+        UserError: a hundred are taken.
+    """
+    for port in range(first, min(first + 100, 65536)):
+        with socket.socket() as probe:
+            if probe.connect_ex((host, port)) != 0:
+                return port
+    raise UserError(f"no free port from {first} on")
 
 
 @contextmanager

@@ -1,0 +1,37 @@
+"""``sextant export``: the network of a run for other programs."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import Field
+
+from sextant.cli.arguments import Options, UserPath
+from sextant.cli.console import console
+
+USAGE = "sextant export run=<run> [format=onnx|torch_export] [output=<folder>]"
+
+
+class ExportOptions(Options):
+    """What the user chose."""
+
+    run: str
+    """an MLflow run id, a run directory or its name, or a checkpoint"""
+    format: Literal["onnx", "torch_export"] = "onnx"
+    """onnx; or torch_export, for torch.export.load"""
+    output: UserPath | None = None
+    """folder of the file and its model card; exported/<task>/<run> among the outputs unless given"""
+    outputs: UserPath | None = None
+    """output folder of runs, if not the default"""
+    trust: bool = Field(False, examples=["true"])
+    """true: build parts of the user's own that the checkpoint names"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write the network, compare it with the original, and say where it is."""
+    chosen = ExportOptions.parse(arguments, USAGE)
+    from sextant.lifecycle.exporting import export_run
+
+    with console.status("tracing the network"):
+        found = export_run(chosen.run, chosen.format, chosen.output, chosen.outputs, trust=chosen.trust)
+    console.print(f"{found.network}\n{found.card}", markup=False)
+    console.print(f"it answers as the original does, to {found.parity:.1g} of the largest output")

@@ -1,0 +1,40 @@
+"""``sextant register``: a run as a model of MLflow's registry."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import Field
+
+from sextant.cli.arguments import Options, UserPath
+from sextant.cli.console import console
+from sextant.tracking.environment import quiet_libraries
+
+USAGE = "sextant register run=<run> name=<name>"
+
+
+class RegisterOptions(Options):
+    """What the user chose."""
+
+    run: str
+    """an MLflow run id, a run directory or its name, or a checkpoint"""
+    name: str
+    """of the model; a run registered under a name that is there is its newest version"""
+    outputs: UserPath | None = None
+    """output folder of runs, if not the default"""
+    tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])
+    """whose registry: that of the embedded store, or of a server"""
+    uri: str | None = Field(None, alias="tracking.uri")
+    """address of that server"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Register the run, and say how it is served."""
+    quiet_libraries()
+    chosen = RegisterOptions.parse(arguments, USAGE)
+    from sextant.lifecycle.registering import register_run
+
+    with console.status("registering the run"):
+        found = register_run(chosen.run, chosen.name, chosen.outputs, kind=chosen.tracking, uri=chosen.uri)
+    console.print(f"{found.name}, version {found.version}, to be served on this machine by", markup=False)
+    serve = f"mlflow models serve -m models:/{found.name}/{found.version} --env-manager local --port 5001"
+    console.print(f"MLFLOW_TRACKING_URI={found.registry} {serve}", markup=False, soft_wrap=True)

@@ -1,0 +1,72 @@
+"""Exporting the network of a trained run."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sextant.atomic_files import write_atomically
+from sextant.recipes.export_formats import FILES, Format, write_network
+from sextant.recipes.exports import exportable
+from sextant.reports.model_card import model_card
+from sextant.runs.checkpoint import KEY
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+from sextant.trained.content import read_trained
+
+CARD = "model_card.md"
+
+
+@dataclass(frozen=True)
+class ExportedRun:
+    """What was written.
+
+    Attributes:
+        network: the file.
+        card: the page beside it that says what it is.
+        parity: largest difference to the network's own outputs, as a share of the largest of them or of 1.
+    """
+
+    network: Path
+    card: Path
+    parity: float
+
+
+def export_run(
+    run: str,
+    form: Format = "onnx",
+    output: Path | None = None,
+    outputs: Path | None = None,
+    *,
+    trust: bool = False,
+) -> ExportedRun:
+    """Write the network of a run for programs that know nothing of Sextant, and compare what it says with the original.
+
+    Push-pull layers become plain convolutions. The batch may have any size; height and width are those of training.
+
+    Args:
+        run: an MLflow run id, a run directory or its name, or a checkpoint.
+        form: ``onnx``, or ``torch_export`` for ``torch.export.load``.
+        output: folder of the file; ``exported/<task>/<run>`` among the outputs unless given.
+        outputs: folder of runs; where runs are written unless given.
+        trust: build parts of the user's own that the checkpoint names.
+
+    Raises:
+        UserError: there is no such run, it has no network of its own, or the file would answer otherwise.
+
+    Example:
+        >>> exported = export_run("1a2b3c4d-s0")  # doctest: +SKIP
+        >>> exported.network, exported.parity  # doctest: +SKIP
+    """
+    outputs = outputs or default_outputs()
+    found = resolve_run(run, outputs)
+    content = read_trained(found.checkpoint)
+    network = exportable(content, found.checkpoint, trust=trust)
+    task, name = content[KEY]["task"], (found.directory.path if found.directory else found.checkpoint).name
+    folder = output or outputs / "exported" / task / name
+    parity = write_network(network, form, folder / FILES[form])
+    note = (
+        f"`{FILES[form]}` is the network of `{task}/{name}`, written by `sextant export run={run} format={form}`. "
+        f"On noise it answers as the original does, to {parity:.1g} of the largest output."
+    )
+    text = model_card(f"{task}: {name}", list(network.meanings.items()), content[KEY], found.directory, outputs, [note])
+    write_atomically(folder / CARD, lambda file: file.write(text.encode()))
+    return ExportedRun(folder / FILES[form], folder / CARD, parity)

@@ -1,0 +1,79 @@
+"""Making a trained run a model of MLflow's registry."""
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from PIL import Image
+
+from sextant.errors import UserError
+from sextant.recipes.photo_predictors import ERROR, photo_predictor
+from sextant.reports.model_card import model_card
+from sextant.runs.checkpoint import KEY
+from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.resolve import resolve_run
+from sextant.tracking.mirror import known_run
+from sextant.tracking.registry import IMAGE, Registration, answered, register_model
+from sextant.tracking.store import Kind, open_store, telling_store_errors
+from sextant.trained.content import read_trained
+
+
+@dataclass(frozen=True)
+class RegisteredModel:
+    """A version of a model, and the address of the registry that has it."""
+
+    name: str
+    version: int
+    registry: str
+
+
+def register_run(
+    run: str, name: str, outputs: Path | None = None, *, kind: Kind = "sqlite", uri: str | None = None
+) -> RegisteredModel:
+    """Make a run the newest version of a model in MLflow's registry.
+
+    The model is the run's checkpoint and a file of code, ours; nothing is pickled. It takes a table with a column
+    ``image`` of the bytes of image files, and answers a row for each.
+
+    Args:
+        run: an MLflow run id, a run directory or its name, or a checkpoint.
+        name: of the model.
+        outputs: folder of runs; where runs are written unless given.
+        kind: of the store: the embedded one, or a server.
+        uri: of the server.
+
+    Raises:
+        UserError: there is no such run, its model does not answer photos one by one or needs code of the user's own,
+            or the store cannot be used.
+
+    Example:
+        >>> register_run("1a2b3c4d-s0", "digits").version  # doctest: +SKIP
+    """
+    outputs = outputs or default_outputs()
+    found = resolve_run(run, outputs)
+    predictor, about = photo_predictor(found.checkpoint), read_trained(found.checkpoint)[KEY]
+    example = _example()
+    (answer,) = answered(predictor, [example])
+    if answer[ERROR]:
+        raise UserError(f"run={run}: the model has no answer to an image of noise: {answer[ERROR]}")
+    columns = [(name, str(kind)) for name, kind in predictor.columns.items()]
+    uses = [(IMAGE, "bytes of an image file of any kind and size"), *columns, (ERROR, "why an image has no answer")]
+    note = f"`{name}` is the model of `{about['task']}/{run}`, written by `sextant register run={run} name={name}`."
+    with TemporaryDirectory() as folder, telling_store_errors(uri):
+        card = Path(folder) / "model_card.md"
+        card.write_text(model_card(name, uses, about, found.directory, outputs, [note]), encoding="utf-8")
+        store = open_store(kind, uri, outputs)
+        run_id = None if found.directory is None else known_run(store, found.directory.tracking_ids())
+        code = Path(__file__).with_name("served_code.py")
+        registration = Registration(name, code, found.checkpoint, card, str(about["task"]), run_id)
+        return RegisteredModel(name, register_model(store, registration, example, answer), store.uri)
+
+
+def _example() -> bytes:
+    """A picture of noise as a file."""
+    pixels = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    content = io.BytesIO()
+    Image.fromarray(pixels).save(content, "png")
+    return content.getvalue()

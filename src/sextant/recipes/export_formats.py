@@ -1,0 +1,124 @@
+"""Networks as files of other programs' formats, compared with the network that they were made of."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from sextant.errors import UserError
+from sextant.recipes.exports import Exportable
+
+Format = Literal["onnx", "torch_export"]
+
+FILES: Mapping[Format, str] = {"onnx": "network.onnx", "torch_export": "network.pt2"}
+#: largest difference of an output to the network's, as a share of the largest number in it or of 1
+TOLERANCE = 1e-4
+#: batches of these sizes are compared, which are not the one that is traced
+BATCHES = (1, 3)
+Answer = Callable[[Mapping[str, Tensor]], Sequence[Tensor]]
+
+
+@torch.no_grad()
+def write_network(found: Exportable, form: Format, path: Path) -> float:
+    """Write a network, and run the file beside it.
+
+    Args:
+        found: the network.
+        form: of the file.
+        path: of the file.
+
+    Returns:
+        The largest difference between outputs of the file and of the network, on noise, as a share of the largest
+        output or of 1.
+
+    Raises:
+        UserError: the network cannot be traced, or the file answers otherwise.
+    """
+    shapes = {name: {0: torch.export.Dim.DYNAMIC} for name in found.inputs}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # exporters warn of what they are themselves made of
+        try:
+            program = torch.export.export(found.network, (), dict(found.inputs), dynamic_shapes=shapes)
+            answer = _onnx(program, found, path, shapes) if form == "onnx" else _torch_export(program, path)
+        except (RuntimeError, AssertionError) as error:
+            raise UserError(
+                f"this network cannot be exported as {form}: {str(error).strip().splitlines()[0]}",
+                "Its code asks for the values of its input, or uses operations that the format lacks.",
+            ) from error
+        parity = max(_difference(found, answer, batch) for batch in BATCHES)
+    if not parity <= TOLERANCE:
+        path.unlink()
+        raise UserError(
+            f"the exported network answers otherwise than the original: by {parity:.2g} of the largest output",
+            f"More than {TOLERANCE:g} is refused; the file was taken back.",
+        )
+    return parity
+
+
+def _onnx(program: torch.export.ExportedProgram, found: Exportable, path: Path, shapes: Any) -> Answer:
+    made = torch.onnx.export(
+        program,
+        kwargs=dict(found.inputs),
+        input_names=list(found.inputs),
+        output_names=found.outputs,
+        dynamic_shapes=shapes,
+        dynamo=True,
+        external_data=False,
+        verbose=False,
+        custom_translation_table=_missing_operations(),
+    )
+    assert made is not None
+    made.save(path)
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+
+    def answer(inputs: Mapping[str, Tensor]) -> list[Tensor]:
+        return [torch.from_numpy(value) for value in session.run(None, {k: v.numpy() for k, v in inputs.items()})]
+
+    return answer
+
+
+def _torch_export(program: torch.export.ExportedProgram, path: Path) -> Answer:
+    torch.export.save(program, path)
+    module = torch.export.load(path).module()
+    return lambda inputs: _several(module(**inputs))
+
+
+def _missing_operations() -> dict[Callable[..., Any], Callable[..., Any]]:
+    """Operations that PyTorch's exporter does not know how to put."""
+    from onnxscript import opset18
+
+    op: Any = opset18
+
+    def hypot(x: Any, y: Any) -> Any:
+        return op.Sqrt(op.Add(op.Mul(x, x), op.Mul(y, y)))
+
+    def signbit(x: Any) -> Any:
+        return op.Less(x, op.CastLike(op.Constant(value_float=0.0), x))
+
+    return {torch.ops.prims.hypot.default: hypot, torch.ops.prims.signbit.default: signbit}
+
+
+def _difference(found: Exportable, answer: Answer, batch: int) -> float:
+    generator = torch.Generator().manual_seed(batch)
+    inputs = {
+        name: example.min()
+        + (example.max() - example.min()) * torch.rand((batch, *example.shape[1:]), generator=generator)
+        for name, example in found.inputs.items()
+    }
+    worst = 0.0
+    for ours, theirs in zip(_several(found.network(**inputs)), answer(inputs), strict=True):
+        if ours.shape != theirs.shape:
+            return float("inf")
+        apart = torch.where(ours == theirs, 0.0, (ours - theirs).abs())  # infinities too
+        worst = max(worst, float(apart.max() / ours[ours.isfinite()].abs().max().clamp(min=1.0)))
+    return worst
+
+
+def _several(outputs: Any) -> Sequence[Tensor]:
+    return outputs if isinstance(outputs, tuple | list) else (outputs,)

@@ -1,0 +1,145 @@
+"""Models in MLflow's registry, which its server can serve."""
+
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from sextant.tracking.store import Store
+
+if TYPE_CHECKING:
+    from mlflow.models import ModelSignature
+
+#: name of the artifact that a model is made of, and of the column with the photos
+CHECKPOINT, IMAGE = "checkpoint", "image"
+
+
+class Answers(Protocol):
+    """What a served model asks."""
+
+    def predict(self, photos: Sequence[Path]) -> list[dict[str, Any]]:
+        """A row for each photo."""
+
+
+def serve(load: Callable[[Path], Answers]) -> None:
+    """Say what MLflow serves: called by a file of code that is kept with a model.
+
+    The model takes a table with a column ``image``, of the bytes of image files of any kind and size.
+
+    Args:
+        load: makes what answers from the path of a checkpoint.
+    """
+    from mlflow.models import set_model
+    from mlflow.pyfunc.model import PythonModel
+
+    class Served(PythonModel):
+        def load_context(self, context: Any) -> None:
+            self.answers = load(Path(context.artifacts[CHECKPOINT]))
+
+        # without types, from which MLflow would make a signature of its own
+        def predict(self, context, model_input, params=None):  # type: ignore[no-untyped-def]
+            return answered(self.answers, list(model_input[IMAGE]))
+
+    set_model(Served())
+
+
+def answered(model: Answers, images: Sequence[bytes]) -> list[dict[str, Any]]:
+    """Rows for image files of which there are only the bytes."""
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"image {number}" for number in range(len(images))]
+        for path, content in zip(paths, images, strict=True):
+            path.write_bytes(content)
+        return [{name: _without(folder, value) for name, value in row.items()} for row in model.predict(paths)]
+
+
+def _without(folder: str, value: Any) -> Any:
+    """A text without the folder that images were put into."""
+    return value.replace(f"{folder}/", "") if isinstance(value, str) else value
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What is registered.
+
+    Attributes:
+        name: of the model in the registry.
+        code: file that calls :func:`serve`; it is kept with the model, and nothing is pickled.
+        checkpoint: that the model is made of.
+        card: what is known of it.
+        experiment: that it is shown in.
+        run_id: that it is of, if the store has it.
+    """
+
+    name: str
+    code: Path
+    checkpoint: Path
+    card: Path
+    experiment: str
+    run_id: str | None
+
+
+def register_model(store: Store, found: Registration, example: bytes, answer: Mapping[str, Any]) -> int:
+    """Log a model, with its signature and an example, and make it the newest version of its name.
+
+    Args:
+        store: whose registry.
+        found: the model.
+        example: an image file.
+        answer: what the model says of it.
+
+    Returns:
+        The version.
+    """
+    import mlflow
+    import pandas as pd
+    from mlflow.models import Model
+
+    import sextant
+
+    with _at(store, found.experiment), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MLflow asks for type hints, of which it would make another signature
+        info = Model.log(
+            artifact_path=None,
+            name=found.name,
+            flavor=mlflow.pyfunc,
+            run_id=found.run_id,
+            registered_model_name=found.name,
+            python_model=str(found.code),
+            artifacts={CHECKPOINT: str(found.checkpoint), found.card.stem: str(found.card)},
+            signature=_signature(answer),
+            input_example=pd.DataFrame({IMAGE: [example]}),
+            pip_requirements=[f"sextant=={sextant.__version__}"],
+        )
+    version = int(info.registered_model_version)
+    store.client.update_model_version(found.name, str(version), found.card.read_text("utf-8"))
+    return version
+
+
+def _signature(row: Mapping[str, Any]) -> "ModelSignature":
+    """Of a model that answers with rows like this one."""
+    from mlflow.models import ModelSignature
+    from mlflow.types import ColSpec, DataType, Schema
+    from mlflow.types.schema import Array
+
+    kinds: dict[type, Any] = {list: Array(DataType.double), float: DataType.double, str: DataType.string}
+    answers: list[Any] = [ColSpec(kinds[type(value)], name, required=False) for name, value in row.items()]
+    return ModelSignature(Schema([ColSpec(DataType.binary, IMAGE)]), Schema(answers))
+
+
+@contextmanager
+def _at(store: Store, experiment: str) -> Iterator[None]:
+    """MLflow's functions that know no store use this one meanwhile."""
+    import mlflow
+
+    before = os.environ.get("MLFLOW_TRACKING_URI")  # where MLflow keeps what it was set to
+    mlflow.set_tracking_uri(store.uri)  # the registry follows
+    mlflow.set_experiment(experiment_id=store.experiment_id(experiment))
+    try:
+        yield
+    finally:
+        mlflow.set_tracking_uri(before)  # type: ignore[arg-type]  # None forgets it
