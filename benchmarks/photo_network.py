@@ -64,12 +64,12 @@ def asked(network: CameraNetwork, photos: list[Photo]) -> tuple[CalibrationPredi
 
 def row(name: str, error: torch.Tensor, said: CalibrationPrediction, focal: torch.Tensor, rays: float) -> str:
     """A line of the table, from errors of tilt, roll and vfov (radians) and relative ones of the focal length."""
-    medians = torch.rad2deg(error.nanmedian(0).values).tolist()
+    medians = np.degrees(np.median(error.numpy(), axis=0)).tolist()  # nan where nothing is known
     held = []
     for level in (0.68, 0.95):
         inside = (error <= (said.scale * said.quantile(level))[:, :3]).float()
         held.append(torch.where(error.isnan(), torch.nan, inside).nanmean(0).tolist())
-    cells = [*(f"{value:.1f}" for value in (rays, *medians)), f"{100 * focal.abs().median():.0f} %"]
+    cells = [*(f"{value:.1f}" for value in (rays, *medians)), f"{100 * np.median(focal.abs().numpy()):.0f} %"]
     cells += ["/".join(f"{100 * share:.0f}" for share in shares) for shares in held]
     return f"| {name} | {len(error)} | " + " | ".join(cell.replace("nan", "") for cell in cells)
 
@@ -124,7 +124,8 @@ def blur_rows(network: CameraNetwork, data: Path) -> Iterator[str]:
     for lines in BLURRED:
         soft = fields(lines)
         moved = (soft - sharp).abs()
-        yield f"| {lines} | {sharp.median():.1f} | {soft.median():.1f} | {moved.median():.1f} | {moved.max():.1f} |"
+        cells = [float(np.median(value)) for value in (sharp, soft, moved)]
+        yield f"| {lines} | " + " | ".join(f"{value:.1f}" for value in (*cells, float(moved.max()))) + " |"
 
 
 def blurred(photo: Photo, lines: int) -> Photo:

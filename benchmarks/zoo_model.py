@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from sextant.cli.arguments import parse_arguments
+from sextant.config import validate
 from sextant.recipes import recipe_of
 from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
@@ -41,7 +42,7 @@ def without_places(config: dict[str, Any]) -> dict[str, Any]:
     for source in config["dataset"].get("sources", {}).values():
         if "folder" in source:
             source["folder"] = Path(source["folder"]).name
-    return {**config, **ANYWHERE}
+    return {**config, **ANYWHERE, "init_from": None}
 
 
 @torch.no_grad()
@@ -49,14 +50,14 @@ def measured(path: Path) -> dict[str, torch.Tensor]:
     """What intervals and looks rest on: of a run's network, on crops of the real panoramas of its validation."""
     content = read_trained(path)
     network = trained_camera_network(content, path)
-    config = own_config(content[KEY])
+    plain = own_config(content[KEY]).plain
+    real = {name: source for name, source in plain["dataset"]["sources"].items() if "folder" in source}
+    config = validate({**plain, "dataset": {**plain["dataset"], "sources": real, "repeats": {}}})
     recipe: Any = recipe_of("calibration")
     data = recipe.data(config, recipe.source(config))
     data.setup("validate")
     crops = data.split("val")
-    real = np.array([not name.startswith("town") for name in crops.panoramas.names])
-    numbers = np.arange(CROPS * len(real))
-    numbers = numbers[real[numbers % len(real)]]
+    numbers = np.arange(CROPS * len(crops.panoramas))
     rows = []
     for some in np.array_split(numbers, -(-len(numbers) // 120)):
         batch = crops[some.tolist()]

@@ -34,6 +34,7 @@ SOMETHING = "something"
 #: what a trained model of a page is of, where it is not a classifier of digits
 MODELS = {
     "calibration.md": ("task=calibration",),
+    "photos.md": ("task=calibration",),
     "places.md": ("task=place_recognition",),
     "corruptions.md": ("dataset=cifar10", "backbone=resnet20"),
     "push_pull.md": ("dataset=cifar10", "backbone=resnet20"),
