@@ -30,3 +30,11 @@ def test_a_group_and_its_values_written_out_are_the_same_experiment():
 def test_a_number_is_the_same_however_it_is_written():
     written = [["inhibition=push_pull", f"inhibition.scale={scale}"] for scale in ("2", "2.0", "2e0")]
     assert len({digest(validate(to_plain(compose(o))).model_dump(by_alias=True)) for o in written}) == 1
+
+
+def test_a_filter_without_support_is_the_one_of_before_there_was_any():
+    plain = to_plain(compose(["task=localization", "filter.support=null"]))
+    older = {**plain, "filter": {key: value for key, value in plain["filter"].items() if key != "support"}}
+    supported = to_plain(compose(["task=localization"]))
+    digests = [digest(validate(config).model_dump(by_alias=True)) for config in (plain, older, supported)]
+    assert digests[0] == digests[1] != digests[2]

@@ -229,6 +229,7 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
         _spread(config, data),
         config.seed,
         task.replay,
+        support=filter.support == "map" and not _is_laser(config),
     )
 
 

@@ -12,8 +12,6 @@ from sextant.applications.kept_descriptor import KeptDescriptor, kept_baseline, 
 from sextant.applications.localization.localizer import Localizer
 from sextant.config import Config
 from sextant.errors import UserError
-from sextant.localization.map_prior import MapPrior
-from sextant.localization.particle_filter import ParticleFilter
 from sextant.recipes.descriptors import BaselineDescriber
 from sextant.runs.resolve import resolve_run
 from sextant.tasks.localization.validation import protocol_of
@@ -42,14 +40,7 @@ def run_localizer(
     """
     drive, protocol = data.drives.map, protocol_of(data.drives)
     model = module.fit_map(data, drive)
-    filter = ParticleFilter(
-        settings.motion,
-        settings.resampling,
-        settings.recovery,
-        MapPrior(model.map.poses, settings.spread[:2], settings.spread[2]),
-        ess_threshold=settings.ess_threshold,
-        kld=settings.kld,  # type: ignore[arg-type]
-    )
+    filter = settings.filter(model.map.poses)
     kept = _kept(data, config)
     whitener: Tensor = module.whitener
     descriptor = replace(kept, whitener=whitener if len(whitener) else None)

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 from numpy import ndarray
+from torch import Tensor
 
 from sextant.data.localization.datamodule import LocalizationDataModule
 from sextant.data.localization.drive import Drive
@@ -21,6 +22,7 @@ from sextant.localization.belief import Belief
 from sextant.localization.initialisation import AppearanceStart, GaussianStart, Initialisation, UniformStart
 from sextant.localization.localize import Track, localize
 from sextant.localization.map_prior import MapPrior
+from sextant.localization.map_support import MapSupport
 from sextant.localization.motion import MotionModel
 from sextant.localization.observers import Observer
 from sextant.localization.particle_filter import ParticleFilter
@@ -84,6 +86,7 @@ class TestSettings:
         spread: standard deviations of poses about an image of the map: along, across, and in rad.
         seed: of all random numbers.
         replay: keep the particles of the first run of each trial.
+        support: ask the observation model on the map alone: :class:`~sextant.localization.map_support.MapSupport`.
     """
 
     __test__ = False
@@ -101,6 +104,19 @@ class TestSettings:
     spread: tuple[float, float, float]
     seed: int
     replay: bool = False
+    support: bool = False
+
+    def filter(self, poses: Float64[Tensor, "n 3"]) -> ParticleFilter:
+        """The filter on a map of images at these poses."""
+        return ParticleFilter(
+            self.motion,
+            self.resampling,
+            self.recovery,
+            MapPrior(poses, self.spread[:2], self.spread[2]),
+            ess_threshold=self.ess_threshold,
+            kld=self.kld,  # type: ignore[arg-type]
+            support=MapSupport.of(poses) if self.support else None,
+        )
 
 
 #: fits a map and gives what makes the sensor of a drive in it; called with the map as it was described, and as it is
@@ -130,13 +146,13 @@ def run_trials(
         changed = fault.data(drives)
         faulty = fault.map(changed.map, np.random.default_rng([settings.seed, 83, number]))
         observer_of = make_observers(changed.map, faulty)
-        prior = MapPrior(torch.from_numpy(faulty.poses), settings.spread[:2], settings.spread[2])
+        filter = settings.filter(torch.from_numpy(faulty.poses))
         for drive in changed.test:
             runs = _laid_out(drive, fault, settings, number)
             observer = observer_of(drive)
             for particles in settings.particle_counts:
                 trial = Trial(drive.name, drive.condition, name, particles)
-                yield _one(trial, changed, runs, fault, observer, prior, settings)
+                yield _one(trial, changed, runs, fault, observer, filter, settings)
                 done += 1
                 if progress:
                     progress(done, total)
@@ -179,23 +195,15 @@ def _one(
     runs: TestRuns,
     fault: Fault,
     observer: Observer,
-    prior: MapPrior,
+    filter: ParticleFilter,
     settings: TestSettings,
 ) -> Outcome:
     protocol = protocol_of(data)
     generator = torch.Generator().manual_seed(settings.seed * 7919 + trial.particles)
-    filter = ParticleFilter(
-        settings.motion,
-        settings.resampling,
-        settings.recovery,
-        prior,
-        ess_threshold=settings.ess_threshold,
-        kld=settings.kld,  # type: ignore[arg-type]
-    )
     nll, replay = np.full(runs.seen.shape, np.nan), list[tuple[ndarray, ndarray]]()
 
     def watch(step: int, belief: Belief) -> None:
-        nll[step] = _nll(runs.poses[step], belief, protocol, prior)
+        nll[step] = _nll(runs.poses[step], belief, protocol, filter.prior)
         if settings.replay:
             replay.append((belief.poses[0].numpy().astype(np.float32), belief.weights[0].numpy().astype(np.float32)))
 
