@@ -1,8 +1,8 @@
 """Networks, and inhibition put into them."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import Count, NonNegative, Part
 
@@ -145,6 +145,7 @@ class TorchvisionBackbone(Backbone):
 class TimmBackbone(Backbone):
     """A timm network."""
 
+    later = ("weights",)
     target: Literal["sextant.models.timm_backbone"] = Field(alias="_target_")
     name: str = Field(examples=["mobilenetv3_small_100"])
     pretrained: bool
@@ -155,11 +156,6 @@ class TimmBackbone(Backbone):
         if self.pretrained and self.weights is not None:
             raise ValueError("backbone.pretrained=true fetches weights: leave out backbone.weights, or set it to false")
         return self
-
-    @model_serializer(mode="wrap")
-    def _as_before_there_were_files(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        told: dict[str, Any] = handler(self)
-        return told if self.weights is not None else {key: value for key, value in told.items() if key != "weights"}
 
 
 class Inhibition(Part):

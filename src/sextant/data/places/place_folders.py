@@ -58,13 +58,12 @@ class PlaceFolders:
         channels: 3 for colour, 1 for grey.
         skip_bad: leave out files that cannot be decoded, and for ``places=name`` those without a partner.
         allow_duplicates: let a split have files of equal content, or files of another split.
+        name: of the dataset, in results; None for ``place_folders``.
         roots: folders to look in as well; decoded images are kept in the last.
 
     Raises:
         UserError: an argument has no meaning.
     """
-
-    name = "place_folders"
 
     def __init__(
         self,
@@ -79,11 +78,12 @@ class PlaceFolders:
         channels: int = 3,
         skip_bad: bool = False,
         allow_duplicates: bool = False,
+        name: str | None = None,
         roots: Sequence[Path | str] = (),
     ):
         if places not in PLACES:
             raise ArgumentError(f"places={places!r} must be one of {', '.join(PLACES)}", "places=order")
-        self.places, self.csv = places, csv
+        self.name, self.places, self.csv = name or "place_folders", places, csv
         self.looked = [Path(folder).expanduser().absolute(), *(Path(root) / folder for root in roots)]
         self.cache = Path(roots[-1]) if roots else None
         self.splits: dict[Split, Mapping[str, str] | None] = {

@@ -1,8 +1,8 @@
 """What localizes: descriptor, kernel, observation model, likelihood, motion, filter, recovery."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import (
     Count,
@@ -286,6 +286,7 @@ class KLDSize(Node):
 class ParticleFilter(Node):
     """The filter."""
 
+    later = ("support",)
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])
     start: Literal["uniform", "appearance", "gaussian"]
     resampling: Literal["systematic", "stratified", "residual", "multinomial"]
@@ -294,8 +295,3 @@ class ParticleFilter(Node):
     spread_position: Positive | None = Field(examples=[0.3])
     spread_heading_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(examples=[10.0])
     support: Literal["map"] | None = None
-
-    @model_serializer(mode="wrap")
-    def _as_before_there_was_support(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        told: dict[str, Any] = handler(self)
-        return told if self.support is not None else {key: value for key, value in told.items() if key != "support"}

@@ -40,6 +40,7 @@ class Nordland(Places):
 class PlaceFolders(Places):
     """The user's own places."""
 
+    later = ("name",)
     target: Literal["sextant.data.places.PlaceFolders"] = Field(alias="_target_")
     folder: str = Field(examples=["/path/to/places"])
     train: Traverses | None = Field(examples=["{summer: train/summer, winter: train/winter}"])
@@ -52,3 +53,4 @@ class PlaceFolders(Places):
     channels: Literal[1, 3]
     skip_bad: bool
     allow_duplicates: bool
+    name: str | None = Field(default=None, min_length=1, examples=["my_streets"])
