@@ -20,6 +20,7 @@ from sextant.config import digest
 from sextant.errors import LossNotFiniteError, UserError
 from sextant.lifecycle.execute import execute
 from sextant.lifecycle.sweep import run_sweep
+from sextant.runs.checkpoint import load_checkpoint
 from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.history import read_history
 
@@ -168,6 +169,16 @@ def test_training_ends_when_patience_does_and_a_killed_run_does_not_go_on(tmp_pa
     assert found["epochs"] == 3  # the first is the best, as nothing is learnt
     directory.metrics.unlink()  # killed while it was tested
     assert RunDirectory(execute(quick_config(tmp_path, *words)).directory).results()["epochs"] == 3
+
+
+@pytest.mark.slow
+def test_a_compiled_network_learns_what_it_does_otherwise_and_is_tested_as_it_is(tmp_path):
+    words = ["trainer.max_epochs=1", "trainer.batch_size=64", "inhibition=push_pull"]
+    plain, compiled = run(tmp_path, *words), run(tmp_path, *words, "trainer.compile=true")
+    assert losses(compiled) == pytest.approx(losses(plain), rel=1e-3)
+    assert compiled.results()["cost"] == plain.results()["cost"]
+    states = [load_checkpoint(each.last_checkpoint)["state_dict"] for each in (plain, compiled)]
+    assert states[0].keys() == states[1].keys()
 
 
 @pytest.mark.slow
