@@ -16,14 +16,11 @@ from sextant.cli.data_describe import DESCRIBE, Sharded, describe
 from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
 from sextant.composing.compose import compose, to_plain
-from sextant.composing.rendered_datasets import is_rendered, rendered_datasets
-from sextant.config import validate
-from sextant.config.building import naming_groups
+from sextant.composing.rendered_datasets import rendered_datasets
 from sextant.errors import UserError
-from sextant.recipes.assemble import build_dataset
 
 if TYPE_CHECKING:
-    from sextant.data.rendered import Progress, RenderedStore, RenderPlan, StoreReport
+    from sextant.data.rendered import StoreReport
 
 USAGE = f"""sextant data list
 sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2] [shards=3 [shard=0]]
@@ -66,30 +63,18 @@ def main(arguments: Sequence[str]) -> None:
 def _list(arguments: list[str]) -> None:
     from sextant.data.rendered.disk import allocated_bytes, readable
     from sextant.data.rendered.finding import stores_in
+    from sextant.lifecycle.rendering import state_of
 
     cache = _cache(arguments)
     stores = stores_in(cache)
     table = Table("store", "rendered", "on disk", "state")
     for path in stores:
-        rendered, state = _state(path)
-        table.add_row(escape(path.name), rendered, readable(allocated_bytes(path.rglob("*"))), state)
+        rendered, state = state_of(path)
+        table.add_row(escape(path.name), rendered, readable(allocated_bytes(path.rglob("*"))), escape(state))
     if stores:
         console.print(table)
     else:
         console.print(f"nothing is rendered in {escape(str(cache))}; sextant data render dataset=<name> does")
-
-
-def _state(path: Path) -> tuple[str, str]:
-    from sextant.data.rendered import load_store
-    from sextant.data.rendered.layout import StoreLayout
-
-    if not StoreLayout(path).manifest.is_file():
-        return "", "to be laid out anew: render it"
-    try:
-        store = load_store(path)
-    except UserError:
-        return "", f"damaged: sextant data verify {escape(path.name)}"
-    return f"{store.rendered:,}/{len(store):,}", "complete" if store.complete else "incomplete"
 
 
 # --------------------------------------------------------------------------------------------------------------- render
@@ -99,13 +84,15 @@ def _render(arguments: list[str]) -> None:
     options, overrides = render_options(arguments)
     if not any(override.startswith("dataset=") for override in overrides):
         raise UserError("which dataset? dataset= is missing", f"{rendered_datasets()}\n\n{USAGE}")
-    plan, cache = _plan(overrides)
+    from sextant.lifecycle.rendering import fill, open_target, plan_of
+
+    plan, cache = plan_of(overrides)
     began, state = time.monotonic(), "nothing"
     try:
-        store = _opened(plan, cache, options)
+        store = open_target(plan, cache, options.shards, options.shard)
         state = f"{store.rendered:,} of {len(store):,}"
         with work_progress("rendering", "images") as progress:
-            made = _fill(store, plan, cache, options, progress)
+            made = fill(store, plan, cache, options.shards, options.shard, options.threads, progress)
     except KeyboardInterrupt:
         state = f"{store.rendered:,} of {len(store):,}" if state != "nothing" else state
         console.print(f"interrupted: {state} rendered; the same command resumes")
@@ -115,36 +102,6 @@ def _render(arguments: list[str]) -> None:
     rows = {"images": f"{len(store):,}"} | facts | {"path": str(store.directory), "seconds": f"{seconds:,.1f}"}
     rows["images/s"] = f"{made / seconds:,.1f}" if made else "all were rendered before"
     console.print(key_value_table(plan.name, rows))
-
-
-def _plan(overrides: Sequence[str]) -> "tuple[RenderPlan, Path]":
-    """The plan of the dataset that ``overrides`` choose, and the folder of stores."""
-    config = validate(to_plain(compose(overrides)))
-    target = config.dataset.target
-    if not is_rendered(target):
-        chosen = next(override for override in overrides if override.startswith("dataset="))
-        raise UserError(f"{chosen} is not rendered: there is nothing to do", rendered_datasets())
-    with naming_groups(config.plain):
-        source: Any = build_dataset(config)
-        return source.plan(), Path(config.paths.cache)
-
-
-def _opened(plan: "RenderPlan", cache: Path, options: RenderOptions) -> "RenderedStore":
-    from sextant.data.rendered import open_shard, open_store
-
-    if options.shards is None or options.shard is None:
-        return open_store(plan, cache, notify=_notify)
-    return open_shard(plan, cache, options.shard, options.shards, notify=_notify)
-
-
-def _fill(store: "RenderedStore", plan: "RenderPlan", cache: Path, options: RenderOptions, progress: "Progress") -> int:
-    from sextant.data.rendered import chunks_of, merge_shards
-
-    if options.shards is None:
-        return store.fill(progress, options.threads)
-    if options.shard is None:
-        return merge_shards(plan, cache, options.shards, progress, threads=options.threads, notify=_notify)[1]
-    return store.fill(progress, options.threads, chunks=chunks_of(store, options.shard, options.shards))
 
 
 def render_options(arguments: Sequence[str]) -> tuple[RenderOptions, list[str]]:
@@ -192,7 +149,7 @@ def _verify(arguments: list[str]) -> None:
     if not repair:
         console.print(f"sextant data verify {escape(str(directory))} repair=true forgets what is damaged")
         raise SystemExit(1)
-    repair_store(report, notify=_notify)
+    repair_store(report)
     dataset = report.manifest.name if report.manifest else "<name>"
     console.print(
         "what is damaged is forgotten, nothing else is lost; it is not rendered again yet:\n"
@@ -223,7 +180,3 @@ def _cache(overrides: Sequence[str]) -> Path:
         if not override.startswith("paths."):
             raise UserError(f"{override}: not understood", USAGE)
     return Path(to_plain(compose(overrides))["paths"]["cache"])
-
-
-def _notify(message: str) -> None:
-    console.print(escape(message))

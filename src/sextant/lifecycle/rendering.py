@@ -1,0 +1,77 @@
+"""Rendering the datasets that are made on this machine, whole or in parts."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from sextant.composing.compose import compose, to_plain
+from sextant.composing.rendered_datasets import is_rendered, rendered_datasets
+from sextant.config import validate
+from sextant.config.building import naming_groups
+from sextant.data.rendered import (
+    Progress,
+    RenderedStore,
+    RenderPlan,
+    chunks_of,
+    load_store,
+    merge_shards,
+    open_shard,
+    open_store,
+)
+from sextant.data.rendered.layout import StoreLayout
+from sextant.errors import UserError
+from sextant.recipes.assemble import build_dataset
+
+
+def plan_of(overrides: Sequence[str]) -> tuple[RenderPlan, Path]:
+    """The plan of the dataset that ``overrides`` choose, and the folder of stores.
+
+    Raises:
+        UserError: it is not rendered, or an override is wrong.
+    """
+    config = validate(to_plain(compose(overrides)))
+    if not is_rendered(config.dataset.target):
+        chosen = next(override for override in overrides if override.startswith("dataset="))
+        raise UserError(f"{chosen} is not rendered: there is nothing to do", rendered_datasets())
+    with naming_groups(config.plain):
+        source: Any = build_dataset(config)
+        return source.plan(), Path(config.paths.cache)
+
+
+def open_target(plan: RenderPlan, cache: Path, shards: int | None, shard: int | None) -> RenderedStore:
+    """The store that is filled: of the whole, or of a part."""
+    if shards is None or shard is None:
+        return open_store(plan, cache)
+    return open_shard(plan, cache, shard, shards)
+
+
+def fill(
+    store: RenderedStore,
+    plan: RenderPlan,
+    cache: Path,
+    shards: int | None,
+    shard: int | None,
+    threads: int,
+    progress: Progress | None = None,
+) -> int:
+    """Render what is missing in a store of :func:`open_target`; without ``shard``, put the parts together.
+
+    Returns:
+        How many items were rendered or copied.
+    """
+    if shards is None:
+        return store.fill(progress, threads)
+    if shard is None:
+        return merge_shards(plan, cache, shards, progress, threads=threads)[1]
+    return store.fill(progress, threads, chunks=chunks_of(store, shard, shards))
+
+
+def state_of(directory: Path) -> tuple[str, str]:
+    """How much of a store is rendered, and in what state it is."""
+    if not StoreLayout(directory).manifest.is_file():
+        return "", "to be laid out anew: render it"
+    try:
+        store = load_store(directory)
+    except UserError:
+        return "", f"damaged: sextant data verify {directory.name}"
+    return f"{store.rendered:,}/{len(store):,}", "complete" if store.complete else "incomplete"
