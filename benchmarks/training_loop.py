@@ -52,7 +52,7 @@ def _plain(raw: dict) -> float:
     from sextant.recipes import recipe_of
 
     config = validate(raw)
-    family = recipe_of(config)
+    family = recipe_of(config.task.name)
     source = family.source(config)
     began = time.monotonic()
     torch.manual_seed(config.seed)
