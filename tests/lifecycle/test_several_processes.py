@@ -189,6 +189,17 @@ def test_gradients_of_several_batches_make_one_step(tmp_path):
     assert two.results()["metrics"]["val/loss"] == pytest.approx(one.results()["metrics"]["val/loss"], rel=1e-3)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_sweep_gives_each_run_of_several_processes_one_of_its_own(tmp_path):
+    words = [*QUICK, TWO, "tracking=none"]
+    alone = execute(to_plain(compose([*words, f"paths.outputs={tmp_path / 'alone'}"])))
+    joblib = ["seed=0,1", "launcher=joblib", "launcher.workers=1", f"paths.outputs={tmp_path / 'sweep'}"]
+    swept = run_sweep([*words, *joblib])
+    assert swept.count("failed") == 0
+    assert swept.outcomes[0].metrics == alone.metrics
+
+
 def test_runs_of_before_are_the_same_experiment():
     raw = to_plain(compose(["trainer=fast"]))
     before = {key: v for key, v in raw["trainer"].items() if key not in ("accumulate", "patience", "compile")}
