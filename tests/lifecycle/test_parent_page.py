@@ -16,6 +16,12 @@ from sextant.tracking.store import open_store
 from sextant.tracking.sweep_parent import open_parent, refill_parents, run_name
 
 QUESTION = "Does it help?"
+#: of a run; a list of runs shows but a few of such
+PARAMS = {
+    "seed": 3, "inhibition._target_": "sextant.layers.PushPullInhibition", "inhibition.scale": 2.0,
+    "backbone._target_": "sextant.models.LeNet", "backbone.variant": "A", "trainer.log_every": 50,
+    "inhibition.alpha": 1.0,
+}  # fmt: skip
 
 
 def sweep_in(folder, **definition):
@@ -42,11 +48,12 @@ def written(tmp_path_factory):
     """The client, the parent run and the children of a sweep whose page was written."""
     outputs = tmp_path_factory.mktemp("outputs")
     plan = sweep_in(outputs).plan
+    plan.definition["arms"] = {"conv": {"overrides": []}, "push_pull": {"overrides": ["inhibition.scale=2"]}}
     store = open_store("sqlite", None, outputs)
     experiment = store.experiment_id("classification")
     for cell in plan.cells:
         child = store.client.create_run(experiment, run_name="05e71b0b-s0")
-        RunDirectory(outputs / cell.run).update_state({"mlflow_runs": [child.info.run_id]})
+        RunDirectory(outputs / cell.run).update_state({"mlflow_runs": [child.info.run_id], "params": PARAMS})
     parent = open_parent("sqlite", None, outputs, plan, "classification")
     ParentPage(parent, plan, outputs, SILENT_RUN).end(plan)
     children = [store.client.get_run(RunDirectory(outputs / cell.run).tracking_ids()[-1]) for cell in plan.cells]
@@ -82,6 +89,13 @@ def test_runs_are_named_by_arm_setting_and_seed(written):
     assert written[2][0].data.tags["arm"] == "conv"
     assert QUESTION in written[2][0].data.tags["mlflow.note.content"]
     assert run_name(["full", "pooled"], "-", 3) == "full + pooled seed 3"
+
+
+def test_runs_have_the_few_params_that_identify_them_or_are_compared(written):
+    assert written[2][0].data.params == {
+        "seed": "3", "inhibition": "PushPullInhibition", "inhibition.scale": "2.0", "backbone": "LeNet",
+        "backbone.variant": "A",
+    }  # fmt: skip
 
 
 def test_an_experiment_is_one_of_models_that_are_trained_and_says_what_it_holds(tmp_path):

@@ -41,6 +41,8 @@ def test_a_finished_run_is_mirrored_whole(outputs, run):
     assert status == "FINISHED"
     assert params["optimizer.lr"] == "0.02"
     assert params["backbone.variant"] == "A"
+    assert (params["backbone"], params["dataset"], params["seed"]) == ("LeNet", "Digits", "0")
+    assert len(params) < 20 < len(run.state()["params"])  # all of them are in config.yaml
     results = run.results()
     for name, value in results["metrics"].items():
         assert found.data.metrics[name] == pytest.approx(value)

@@ -1,7 +1,8 @@
 """MLflow runs made from run directories, while they run or long after."""
 
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +14,8 @@ from sextant.tracking.store import Store, how_to_fill
 
 Status = Literal["RUNNING", "FINISHED", "FAILED", "KILLED"]
 PARENT = "mlflow.parentRunId"
+#: of a config: what a reader of a list of runs looks for, beside the parts
+LOOKED_FOR = ("seed", "optimizer.lr", "trainer.max_epochs", "trainer.batch_size")
 BATCH = 1000
 FLUSH_EVERY_S = 2.0
 
@@ -133,7 +136,7 @@ def open_mirror(
     if run_id not in directory.tracking_ids():
         directory.update_state({"mlflow_runs": [*directory.tracking_ids(), run_id]})
     mirror = MirroredRun(store, run_id, reporter)
-    mirror.params(state.get("params", {}))
+    mirror.params(clean_params(state.get("params", {})))
     if parent is not None:
         mirror.tags({PARENT: parent})
     for line in read_history(directory.history):  # the store keeps one copy of a point that it gets again
@@ -202,6 +205,27 @@ def known_run(store: Store, run_ids: list[str], *, deleted: bool = False) -> str
         if deleted or run.info.lifecycle_stage == "active":
             return run_id
     return None
+
+
+def clean_params(params: Mapping[str, Any], keys: Sequence[str] = ()) -> dict[str, Any]:
+    """The few settings that tell runs apart in a list; all of them are in the artifact ``config.yaml``.
+
+    >>> clean_params({"seed": 0, "dataset._target_": "sextant.data.digits.Digits", "dataset.size": 28})
+    {'dataset': 'Digits', 'seed': 0}
+
+    Args:
+        params: the config, flat.
+        keys: that were chosen for this run, or groups: ``optimizer.lr``, ``loss``.
+    """
+    parts = {
+        key.removesuffix("._target_"): value for key, value in params.items() if key.endswith("._target_") and value
+    }
+    names = {key: str(value).rpartition(".")[2] for key, value in parts.items() if "." not in key or key in keys}
+    sizes = [
+        key for key, value in params.items() if re.fullmatch(r"backbone\.\w+", key) and isinstance(value, int | str)
+    ]
+    chosen = (key for key in (*sizes, *LOOKED_FOR, *keys) if key in params and not key.endswith("._target_"))
+    return {**names, **{key: params[key] for key in chosen}}
 
 
 def _kind_tags(state: Mapping[str, Any]) -> dict[str, str]:

@@ -11,7 +11,7 @@ from sextant.atomic_files import read_json
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
 from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
-from sextant.tracking.mirror import PARENT, MirroredRun, Status, ended_at, known_run, milliseconds
+from sextant.tracking.mirror import PARENT, MirroredRun, Status, clean_params, ended_at, known_run, milliseconds
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 
 #: in the directory of a sweep: what its parent run shows, and the figures there
@@ -93,8 +93,19 @@ def label_cells(
             note = f"{name}, of the sweep {plan.name}. {plan.definition.get('question') or ''}".rstrip()
             own = {"mlflow.runName": name, "arm": " + ".join(arms), "setting": first.setting, "sweep": plan.name}
             own["mlflow.note.content"] = note
-            MirroredRun(parent.store, found).tags({**own, **tags})
+            child = MirroredRun(parent.store, found)
+            child.tags({**own, **tags})
+            child.params(clean_params(RunDirectory(outputs / run).state().get("params", {}), _varied(plan)))
     return found_now
+
+
+def _varied(plan: SweepPlan) -> list[str]:
+    """The keys that runs of a sweep differ in: its factors, and what its arms override."""
+    arms = plan.definition.get("arms") or {}
+    overrides = [override for arm in arms.values() for override in arm.get("overrides", [])]
+    space = (plan.definition.get("search") or {}).get("space") or {}
+    keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
+    return list(dict.fromkeys([*plan.cells[0].factors, *space, *keys]))
 
 
 def run_name(arms: Sequence[str], setting: str, seed: int) -> str:
