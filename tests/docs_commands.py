@@ -8,7 +8,18 @@ from functools import cache
 from pathlib import Path
 
 from sextant import cli
-from sextant.cli import claims, corruptions_make, dashboard, data, gallery, predict, report, train, trajectory
+from sextant.cli import (
+    benchmark,
+    claims,
+    corruptions_make,
+    dashboard,
+    data,
+    gallery,
+    predict,
+    report,
+    train,
+    trajectory,
+)
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.cosfire_detection.options import DetectionOptions
 from sextant.cli.data_describe import DescribeOptions
@@ -121,7 +132,7 @@ def _model(choices: tuple[str, ...]) -> dict:
 
 def _predict(command: Command, words: list[str]) -> None:
     given = parse_arguments(words, predict.KEYS, command.text)
-    needed = ["run", "input", "output"]
+    needed = ["run", "input", "output"] if "run" in given else ["input"]
     if "task" in given:
         needed = ["prototype", "input", "output"]
         DetectionOptions.of(given)
@@ -180,6 +191,12 @@ def _trajectory(command: Command, words: list[str]) -> None:
     trajectory.TrajectoryOptions.parse([word for word in words if word not in files], command.text)
 
 
+def _benchmark(command: Command, words: list[str]) -> None:
+    _among("sextant benchmark", words[0], ["calibration"])
+    given = benchmark.BenchmarkOptions.parse(words[1:], command.text)
+    _among("sampling", given.sampling, groups()["sampling"])
+
+
 def _dashboard(command: Command, words: list[str]) -> None:
     parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
@@ -200,6 +217,7 @@ VERBS = {
     "compare": _compare,
     "doctor": _doctor,
     "trajectory": _trajectory,
+    "benchmark": _benchmark,
     "dashboard": _dashboard,
 }
 

@@ -42,13 +42,13 @@ def nothing_is_drawn():
     """Drawing takes longer than all the rest, and every task's drawing has tests of its own."""
     with pytest.MonkeyPatch.context() as patch:
         for module in (
-            "photo_calibration.photo_files",
-            "photo_calibration.collected_files",
-            "cosfire_detection.predict",
+            "cli.photo_calibration.photo_files",
+            "figures.style",
+            "cli.cosfire_detection.predict",
         ):
-            patch.setattr(f"sextant.cli.{module}.save_figure", lambda *_: None)
+            patch.setattr(f"sextant.{module}.save_figure", lambda *_: None)
         patch.setattr("sextant.cli.photo_calibration.photo_files.calibration_overlay", lambda _: None)
-        patch.setattr("sextant.cli.photo_calibration.collected_files.calibration_sheet", lambda _: None)
+        patch.setattr("sextant.figures.calibration.overlay.calibration_sheet", lambda _: None)
         for name in ("cosfire_filter", "cosfire_responses"):
             patch.setattr(f"sextant.cli.cosfire_detection.predict.{name}", lambda *_, **__: None)
         patch.setattr("sextant.cli.place_matching.predict.write_gallery", lambda *_: [])
@@ -82,7 +82,7 @@ class Nowhere:
 
 def calibration(photos: Path, output: Path) -> Said:
     paths = find_photos(str(photos), output)
-    rows = predict_calibrations(PhotoCalibrator(Fake()), paths, output, CalibrationOptions(undistort="none"))
+    rows = predict_calibrations(PhotoCalibrator(Fake(), "network"), paths, output, CalibrationOptions(undistort="none"))
     return {Path(row["file"]).name: row.get("error") for row in rows}
 
 

@@ -36,7 +36,7 @@ def picture(tmp_path):
     ("arguments", "status", "says"),
     [
         (["--help"], 0, "run=<MLflow run id"),
-        ([], 2, "run= is missing"),
+        ([], 2, "input= is missing"),
         (["run=x", "input={input}"], 2, "output= is missing"),
         (["run=x", "input={input}", "output={output}", "camera=two"], 2, "camera=two must be one of each, one"),
         (["run=x", "input={input}", "output={output}", "focal_pior=3"], 2, "Did you mean focal_prior=3?"),

@@ -61,6 +61,8 @@ NOT_RUN = {
     r"^python train\.py .*descriptor=run": "needs a trained run of place recognition; smaller in tests/cli",
     r"^python train\.py (task=(calibration|place_recognition)|experiment=)": "renders towns; smaller in tests/tasks",
     r"^python evaluate\.py .*(dataset|checkpoint|off_the_shelf|cifar10)": "needs data and a run of it; tests/cli",
+    r"^python predict\.py input=": "calibrates photos of one's own; tests/cli/photo_calibration",
+    r"^sextant benchmark": "needs photos of known cameras; of drawn ones in tests/cli/test_benchmark.py",
     r"^python predict\.py run=": "needs a trained run of its task; smaller in tests/cli",
     r"^python report\.py sweep=<name>": "as the reports of tests/system/test_sweep.py",
     r"^python -m sextant\.corruptions": "needs CIFAR-10; smaller in tests/corruptions/test_make_command.py",

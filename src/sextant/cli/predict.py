@@ -27,6 +27,9 @@ TASKS = {
     "task=cosfire": "sextant.cli.cosfire_detection.handler.Detection",
 }
 
+#: a photo alone is calibrated
+UNNAMED = {"run": "zoo:calibration", "output": "calibrated"}
+
 
 def _handler(path: str) -> Handler:
     module, _, name = path.rpartition(".")
@@ -41,15 +44,15 @@ class SharedOptions(Options):
     """What the user may choose of any task."""
 
     run: str | None = None
-    """the trained model"""
+    """the trained model; unless given, photos are calibrated by the one of the package, zoo:calibration"""
     task: str | None = None
     """cosfire: detect what one example shows, with the features of run= or without; other tasks come with run="""
     input: str | None = None
     """an image, a folder that is searched for images, or a pattern such as 'photos/*.jpg'; for localization also a
     video"""
     output: str | None = None
-    """folder for what is found: tables (CSV, JSON) and pictures; with map=, matches unless given; for localization,
-    localization unless given"""
+    """folder for what is found: tables (CSV, JSON) and pictures; without run=, calibrated unless given; with map=,
+    matches; for localization, localization"""
     outputs: str | None = None
     """output folder of runs, if not the default"""
     trust: bool = Field(False, examples=["true"])
@@ -78,7 +81,8 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _predict_photos(given: Mapping[str, str]) -> None:
-    """Predict photos as the task of the model asks."""
+    """Predict photos as the task of the model asks; calibrate them where no model is named."""
+    given = given if "run" in given else {**UNNAMED, **given}
     require(given, Handler.needs, Handler.usage)
     for each in HANDLERS.values():
         each.check(given)

@@ -24,7 +24,7 @@ BLOCKED = ("hydra", "omegaconf", "pytorch_lightning", "lightning", "mlflow", "ri
 
 @pytest.fixture
 def calibrator():
-    return PhotoCalibrator(Fake())
+    return PhotoCalibrator(Fake(), "network")
 
 
 @pytest.fixture(scope="module")

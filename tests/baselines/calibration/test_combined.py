@@ -3,17 +3,10 @@ import pytest
 import torch
 from baselines.calibration.drawings import cameras, picture
 
-from sextant.baselines.calibration import (
-    CombinedGeometry,
-    PriorCamera,
-    VanishingPoints,
-    refine,
-)
-from sextant.errors import UserError
+from sextant.baselines.calibration import CombinedGeometry, PriorCamera, VanishingPoints
 from sextant.geometry import CameraParameters
 
 CAMERAS = list(cameras(10))
-SIGMA = np.array([0.05, 0.03, 0.08, 0.06])
 
 
 def camera_of(*values):
@@ -52,53 +45,6 @@ def test_undoing_the_lens_beats_vanishing_points_that_ignore_it(hard_pictures):
     )
     assert (ours[2:] < 0.5 * pinhole[2:]).all()
     assert (ours < 0.5 * prior).all()
-
-
-def network_of(camera, seed):
-    tilt, roll, _, focal, k1 = camera
-    return camera_of(*np.array([tilt, roll, focal, k1]) + SIGMA * np.random.default_rng(seed).standard_normal(4))
-
-
-def test_refinement_is_better_than_what_it_starts_from(hard_pictures):
-    before, after = [], []
-    for index, (image, camera) in enumerate(zip(hard_pictures, CAMERAS, strict=True)):
-        start = network_of(camera, index)
-        before.append(errors(start, camera))
-        after.append(errors(refine(image, start, camera_of(*SIGMA)).camera, camera))
-    assert (np.mean(after, axis=0) < 0.7 * np.mean(before, axis=0)).all()
-
-
-def test_refinement_saves_geometry_where_the_world_has_few_lines():
-    geometry, network, refined = [], [], []
-    for index, camera in enumerate(cameras(30, seed=9)):
-        image = picture(*camera, seed=index, noise=12, clutter=60, samples=2)
-        geometry.append(errors(CombinedGeometry().calibrate(image).camera, camera))
-        start = network_of(camera, index)
-        network.append(errors(start, camera))
-        refined.append(errors(refine(image, start, camera_of(*SIGMA)).camera, camera))
-    refined, geometry, network = (np.mean(values, axis=0) for values in (refined, geometry, network))
-    assert (refined < network).all()
-    assert (refined < geometry).all()
-
-
-def test_without_lines_the_first_estimate_comes_back():
-    start = camera_of(0.2, -0.1, 0.9, -0.2)
-    estimate = refine(np.full((96, 128, 3), 90, np.uint8), start, camera_of(*SIGMA))
-    torch.testing.assert_close(torch.stack(estimate.camera), torch.stack(start))
-    torch.testing.assert_close(estimate.sigma.focal, torch.tensor(SIGMA[2]))
-    assert not any(estimate.determined)
-
-
-def test_a_sure_network_is_hardly_moved(pictures):
-    start = network_of(CAMERAS[0], 3)
-    estimate = refine(pictures[0], start, camera_of(1e-5, 1e-5, 1e-5, 1e-5))
-    torch.testing.assert_close(torch.stack(estimate.camera), torch.stack(start), atol=1e-3, rtol=0)
-
-
-@pytest.mark.parametrize("sigma", [(0.0, 0.1, 0.1, 0.1), (0.1, 0.1, float("nan"), 0.1)])
-def test_refinement_needs_uncertainties(sigma):
-    with pytest.raises(UserError, match="sigma > 0"):
-        refine(np.zeros((8, 8, 3), np.uint8), camera_of(0, 0, 1, 0), camera_of(*sigma))
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (2, 300, 3), (300, 2, 3)])

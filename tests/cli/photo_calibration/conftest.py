@@ -8,10 +8,9 @@ def drawn(request, monkeypatch):
     """Draw nothing unless the test takes ``figures``."""
     if "figures" in request.fixturenames:
         return
-    for module in ("photo_files", "collected_files"):
+    for module in ("cli.photo_calibration.photo_files", "figures.style"):
         monkeypatch.setattr(
-            f"sextant.cli.photo_calibration.{module}.save_figure",
-            lambda figure, folder, name: (folder / f"{name}.png").touch(),
+            f"sextant.{module}.save_figure", lambda figure, folder, name: (folder / f"{name}.png").touch()
         )
 
 

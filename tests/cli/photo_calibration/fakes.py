@@ -56,7 +56,9 @@ def exif(focal_35mm):
 
 
 def calibrate(paths, output, model=None, **options):
-    return predict_calibrations(PhotoCalibrator(model or Fake()), paths, output, CalibrationOptions(**options))
+    return predict_calibrations(
+        PhotoCalibrator(model or Fake(), "network"), paths, output, CalibrationOptions(**options)
+    )
 
 
 def camera_of(row):

@@ -37,8 +37,8 @@ def test_a_disk_that_is_full_at_any_file_is_one_mistake_and_keeps_what_was_writt
         (folder / f"{name}.png").touch()
 
     monkeypatch.setattr(Path, "replace", refusing_replace)
-    for module in ("photo_files", "collected_files"):
-        monkeypatch.setattr(f"sextant.cli.photo_calibration.{module}.save_figure", refusing_figure)
+    for module in ("cli.photo_calibration.photo_files", "figures.style"):
+        monkeypatch.setattr(f"sextant.{module}.save_figure", refusing_figure)
     out = tmp_path / "out"
     with pytest.raises(UserError, match=r"output=.*the disk is full"):
         calibrate(two, out)

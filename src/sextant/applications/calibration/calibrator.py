@@ -1,13 +1,14 @@
-"""Photos in, their cameras out, by a trained network."""
+"""Photos in, their cameras out, by a trained network and the lines of the photos."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, Self, overload
+from typing import Any, Literal, Self, get_args, overload
 
 from numpy import ndarray
 
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.inference import AnyPhoto, find_cameras
+from sextant.applications.calibration.jointly import Method, by_method
 from sextant.applications.calibration.one_camera import OneCamera, fuse_as_one_camera
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, check_prior, with_focal_prior
@@ -20,9 +21,12 @@ from sextant.tasks.calibration.network import CameraNetwork
 from sextant.trained.camera_network import trained_camera_network
 from sextant.trained.content import read_trained
 
+#: the model that is taken where none is named
+SHIPPED = "zoo:calibration"
+
 
 class PhotoCalibrator:
-    """Calibrates photos with the network of a run of calibration.
+    """Calibrates photos by all there is: the network of a run of calibration, lines, and what cameras people hold.
 
     The network sees the largest centred part of a photo that has an aspect it was trained on; what it finds is given in
     pixels of the whole upright original. Photos are files of any kind and size, turned upright by EXIF, or upright
@@ -39,34 +43,49 @@ class PhotoCalibrator:
 
     Args:
         network: that was trained.
+        method: ``joint`` takes all evidence as one robust least-squares problem; ``lines`` leaves the network out, and
+            ``network`` all but the network.
+
+    Raises:
+        UserError: there is no such method.
     """
 
-    def __init__(self, network: CameraNetwork):
-        self.network = network.eval()
+    def __init__(self, network: CameraNetwork, method: Method = "joint"):
+        if method not in get_args(Method):
+            raise ArgumentError(f"method={method} must be one of {', '.join(get_args(Method))}")
+        self.network, self.method = network.eval(), method
 
     @classmethod
-    def load(cls, run: Path | str, outputs: Path | str | None = None, *, trust: bool = False) -> Self:
-        """The calibrator of a run.
+    def load(
+        cls,
+        run: Path | str = SHIPPED,
+        outputs: Path | str | None = None,
+        *,
+        trust: bool = False,
+        method: Method = "joint",
+    ) -> Self:
+        """The calibrator of a run, or the one that comes with the package.
 
         Args:
-            run: an MLflow run id, a run directory or its name, or a checkpoint.
+            run: an MLflow run id, a run directory or its name, or a checkpoint; the model of the package unless given.
             outputs: folder of runs; where runs are written unless given.
             trust: build parts of the user's own that the checkpoint names.
+            method: as for the class.
 
         Raises:
             UserError: there is no such run, its file is damaged, or it is one of another task.
         """
         found = resolve_run(str(run), default_outputs() if outputs is None else Path(outputs).expanduser())
-        return cls.of(read_trained(found.checkpoint), found.checkpoint, trust=trust)
+        return cls.of(read_trained(found.checkpoint), found.checkpoint, trust=trust, method=method)
 
     @classmethod
-    def of(cls, content: Mapping[str, Any], checkpoint: Path, *, trust: bool = False) -> Self:
+    def of(cls, content: Mapping[str, Any], checkpoint: Path, *, trust: bool = False, method: Method = "joint") -> Self:
         """The calibrator of a checkpoint that was read.
 
         Raises:
             UserError: as :meth:`load`.
         """
-        return cls(trained_camera_network(content, checkpoint, trust=trust))
+        return cls(trained_camera_network(content, checkpoint, trust=trust), method)
 
     def calibrate(self, photo: AnyPhoto, *, focal_prior: FocalPrior = None) -> PhotoCamera:
         """The camera of a photo.
@@ -132,7 +151,7 @@ class PhotoCalibrator:
             UserError: they cannot be of one camera, or the network gives no intervals.
         """
         check_prior(focal_prior)
-        found = list(find_cameras(self.network, _named(several(photos, errors))))
+        found = list(self._found(_named(several(photos, errors))))
         findings = [each for each in found if isinstance(each, Finding)]
         raise_failed(found, len(found), "calibrated", errors if findings else "raise")
         if not found:
@@ -146,11 +165,15 @@ class PhotoCalibrator:
         self, photos: Iterable[tuple[str, AnyPhoto]], focal_prior: FocalPrior
     ) -> Iterator[PhotoCamera | FailedPhoto]:
         check_prior(focal_prior)
-        for found in find_cameras(self.network, photos):
+        for found in self._found(photos):
             if isinstance(found, Finding):
                 yield photo_camera(with_focal_prior(found, focal_prior), self.network)
             else:
                 yield found
+
+    def _found(self, photos: Iterable[tuple[str, AnyPhoto]]) -> Iterator[Finding | FailedPhoto]:
+        for found in find_cameras(self.network, photos, look_at_lines=self.method != "network"):
+            yield found if isinstance(found, FailedPhoto) else by_method(found, self.method)
 
 
 def _named(photos: Iterable[AnyPhoto]) -> Iterator[tuple[str, AnyPhoto]]:

@@ -6,6 +6,8 @@ from typing import get_args
 
 import numpy as np
 import torch
+from jaxtyping import Float64
+from numpy import ndarray
 
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.photo_camera import Verdict
@@ -13,6 +15,12 @@ from sextant.geometry import CameraParameters, focal_from_vfov, vfov_from_focal
 from sextant.tasks.calibration.network import CameraNetwork
 
 GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % trained on
+#: the same of a camera by all evidence, where the spread of cameras trained on is no measure: tilt and roll in radians,
+#: the focal length relative, and k1_hat
+JOINTLY_GOOD = (math.radians(3), math.radians(2), 0.1, 0.1)
+JOINTLY_TRUSTWORTHY = (math.radians(10), math.radians(6), 0.25, 0.3)
+#: of the network's own interval: wider ones of a camera by all evidence rest on the network
+LEANS = 0.5
 NAMES = ("tilt", "roll", "field of view", "apparent distortion")
 #: of a range: the cameras trained on end at :data:`ENDS`, for a range is a little wider than they spread
 EDGE, ENDS = 0.01, 0.02 / 1.04
@@ -23,25 +31,37 @@ NUMBERS = ("vertical position of the horizon or tilt", "roll", "size", "distorti
 def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple[str, ...], Mapping[str, float]]:
     """A verdict, its reasons, and the widths of the 68 % intervals over the spread of the cameras trained on.
 
-    The verdict is the worst of the widths, the finding's doubts, and of the range: an interval as wide as the spread of
-    the cameras trained on says no more than was known before training.
+    The verdict is the worst of the widths, the finding's doubts, and of the range. Of the network alone an interval as
+    wide as the spread of the cameras trained on says no more than was known before training; by all evidence, one is as
+    wide as it is.
     """
     spread, half = network.spec.spread, finding.half["68"]
     ratios = half / np.asarray(spread)
     worst, reasons = 0, []
-    for i, (name, ratio) in enumerate(zip(NAMES, ratios, strict=True)):
-        if ratio > GOOD:
-            worst = max(worst, 2 if ratio > TRUSTWORTHY else 1)
+    for i, (name, good, most) in enumerate(zip(NAMES, *_allowed(finding, network), strict=True)):
+        if half[i] > good:
+            worst = max(worst, 2 if half[i] > most else 1)
             turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
-            wider = "wider than the" if ratio > TRUSTWORTHY else "more than half of the"
-            reasons.append(
-                f"{name}: 68 % interval ±{half[i] * turn:.2g}{unit}, {wider} ±{spread[i] * turn:.2g}{unit} of all "
-                "cameras trained on"
-            )
+            wider = f"±{(most if half[i] > most else good) * turn:.2g}{unit}"
+            told = f"{name}: 68 % interval ±{half[i] * turn:.2g}{unit}, wider than "
+            if finding.network is None:
+                told += "the " if half[i] > most else "half of the "
+                wider = f"±{spread[i] * turn:.2g}{unit} of all cameras trained on"
+            reasons.append(told + wider)
     for allowed, text in (*finding.doubts, *_range_doubts(finding, network)):
         worst = max(worst, allowed)
         reasons.append(text)
     return get_args(Verdict)[worst], tuple(reasons), dict(zip(NAMES, ratios.tolist(), strict=True))
+
+
+def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray, "4"], Float64[ndarray, "4"]]:
+    """Half widths of 68 % intervals up to which a camera is good, and trustworthy."""
+    if finding.network is None:
+        spread = np.asarray(network.spec.spread)
+        return GOOD * spread, TRUSTWORTHY * spread
+    focal = float(finding.camera.focal)
+    units = np.array([1, 1, 4 * focal / (4 * focal**2 + 1), 1])  # |d vfov / d ln f|
+    return np.asarray(JOINTLY_GOOD) * units, np.asarray(JOINTLY_TRUSTWORTHY) * units
 
 
 def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, str]]:
@@ -50,19 +70,25 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     A network answers within the range of cameras trained on alone: what lies beyond an end is reported as something
     before it, and the nearer the end, the surer: no camera trained on could be far off there. So an angle is doubted
     where its 95 % interval reaches beyond the end. Distortion is not: most lenses have none, which is the end of most
-    ranges.
+    ranges. Nor is what the lines of the photo settled.
     """
-    doubts = []
+    said, doubts = finding.network or finding, []
+    if not finding.trusts_network:
+        return []
+    leaning = finding.half["68"] > (LEANS * said.half["68"] if finding.network else -1.0)
     aspect = torch.tensor([finding.view.aspect], dtype=torch.float64)
-    position = network.position(_stacked(finding.camera), aspect)[0].tolist()
-    if at := [name for name, p in zip(NUMBERS, position, strict=True) if not EDGE <= p <= 1 - EDGE]:
+    position = network.position(_stacked(said.camera), aspect)[0].tolist()
+    placed = zip(NUMBERS, position, leaning, strict=True)
+    if at := [name for name, p, leans in placed if leans and not EDGE <= p <= 1 - EDGE]:
         names = ", ".join(at)
         doubts.append((1, f"at the end of what the network was trained on: {names}; the truth may lie beyond"))
-    ends = network.position(_interval_ends(finding), aspect).double()
+    ends = network.position(_interval_ends(said), aspect).double()
     reached = [
         name
         for i, name in enumerate(NAMES[:3])
-        if NUMBERS[i] not in at and not all(ENDS <= float(ends[k, i]) <= 1 - ENDS for k in (2 * i, 2 * i + 1))
+        if leaning[i]
+        and NUMBERS[i] not in at
+        and not all(ENDS <= float(ends[k, i]) <= 1 - ENDS for k in (2 * i, 2 * i + 1))
     ]
     if reached:
         names = ", ".join(reached)

@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.baselines.calibration import LineEvidence
 from sextant.data.photos import NetworkView, Photo
 from sextant.geometry import CameraParameters, K2Family, focal_from_vfov, k2_of_k1, vfov_from_focal
 
@@ -29,6 +30,10 @@ class Finding:
         family: of the lens.
         doubts: what speaks against it, each with the verdict it allows at best: 0 good, 1 weak, 2 not trustworthy.
         basis: what the intervals rest on.
+        lines: of the photo; None where they are not looked at.
+        network: what the network alone says, where ``camera`` is by more than that.
+        trusts_network: whether the network's word counted for ``camera``.
+        strangeness: of the photo to the network.
     """
 
     name: str
@@ -39,6 +44,10 @@ class Finding:
     family: K2Family
     doubts: tuple[tuple[int, str], ...] = ()
     basis: str = "conformal"
+    lines: LineEvidence | None = None
+    network: Self | None = None
+    trusts_network: bool = True
+    strangeness: float = 0.0
 
     def doubted(self, verdict: int, *reasons: str) -> Self:
         """The same with more that speaks against it."""
@@ -53,6 +62,11 @@ class Finding:
     def focal_px(self) -> float:
         """Pixels of the upright original."""
         return float(self.camera.focal) * self.view.height
+
+    @property
+    def zoom(self) -> float:
+        """Heights of the photo that the part which the network saw is high."""
+        return self.view.height / self.photo.height
 
     @property
     def side(self) -> int:

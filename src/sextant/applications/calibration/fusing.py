@@ -14,8 +14,13 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.applications.calibration.finding import LEVELS, Finding
+from sextant.applications.calibration.jointly import jointly
+from sextant.baselines.calibration import CameraBelief
 from sextant.evaluation.calibration.fusion import Fusion
 from sextant.geometry import CameraParameters, k2_of_k1, rho_from_tilt, tilt_from_rho
+
+#: standard error of what is taken as known
+CERTAIN = 1e-4
 
 
 def estimate(finding: Finding) -> tuple[Float64[ndarray, "2"], Float64[ndarray, "2"]]:
@@ -29,16 +34,30 @@ def estimate(finding: Finding) -> tuple[Float64[ndarray, "2"], Float64[ndarray, 
 
 
 def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
-    """The finding with a fused focal length and distortion, at the same horizon as seen in the picture."""
+    """The finding with a fused focal length and distortion.
+
+    Tilt and roll are what the evidence says with that lens; or, of the network alone, what keeps the horizon where it
+    was seen in the picture.
+    """
     zoom = finding.side / finding.view.height
     old = finding.camera
     focal = torch.tensor(math.exp(fusion.values[0]) * zoom, dtype=torch.float64)
     k1 = fusion.values[1] / zoom**2 * focal.square()
-    rho = rho_from_tilt(old.tilt, old.focal, old.k1, finding.k2)
-    tilt = tilt_from_rho(rho, focal, k1, k2_of_k1(k1, finding.family))
+    if finding.network is not None:
+        posed = jointly(finding, [_lens(float(focal), float(k1), finding)])
+        tilt, roll, pose = posed.camera.tilt, posed.camera.roll, posed.half
+    else:
+        rho = rho_from_tilt(old.tilt, old.focal, old.k1, finding.k2)
+        tilt, roll, pose = tilt_from_rho(rho, focal, k1, k2_of_k1(k1, finding.family)), old.roll, finding.half
     per_log_focal = 4 * float(focal) / (4 * float(focal) ** 2 + 1)
     half = {}
     for name, (_, multiple) in LEVELS.items():
         fused = fusion.sigmas * multiple * np.array([per_log_focal, zoom**-2])
-        half[name] = np.concatenate([finding.half[name][:2], fused])
-    return replace(finding, camera=CameraParameters(tilt, old.roll, focal, k1), half=half, basis=basis)
+        half[name] = np.concatenate([pose[name][:2], fused])
+    return replace(finding, camera=CameraParameters(tilt, roll, focal, k1), half=half, basis=basis)
+
+
+def _lens(focal: float, k1: float, finding: Finding) -> CameraBelief:
+    """That the lens is this one, beyond doubt."""
+    known = (math.inf, math.inf, CERTAIN, CERTAIN)
+    return CameraBelief(0.0, 0.0, focal, k1 / focal**2, known, nu=math.inf, zoom=finding.zoom)

@@ -1,8 +1,8 @@
-"""What the network says of photos, and what speaks against it there and then."""
+"""What is seen of photos, what the network says of them, and what speaks against it there and then."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -14,7 +14,9 @@ from torch import Tensor
 
 from sextant.applications.calibration.finding import LEVELS, Finding
 from sextant.applications.failures import FailedPhoto
+from sextant.baselines.calibration import LineEvidence
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
+from sextant.data.photos.odd_pictures import check_no_panorama, odd_picture
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
 from sextant.tasks.calibration.network import CameraNetwork
@@ -25,31 +27,49 @@ LITTLE_SEEN = 0.6  # of the photo's area
 AnyPhoto = Path | str | UInt8[ndarray, "h w 3"]
 
 
-def find_cameras(network: CameraNetwork, photos: Iterable[tuple[str, AnyPhoto]]) -> Iterator[Finding | FailedPhoto]:
+@dataclass(frozen=True)
+class _Seen:
+    """A photo without its pixels, and what was seen of it."""
+
+    name: str
+    photo: Photo
+    view: NetworkView
+    lines: LineEvidence | None
+    doubts: tuple[tuple[int, str], ...]
+
+
+def find_cameras(
+    network: CameraNetwork, photos: Iterable[tuple[str, AnyPhoto]], *, look_at_lines: bool = False
+) -> Iterator[Finding | FailedPhoto]:
     """What the network says of each photo, in their order.
 
-    Photos are read one at a time, and only the small views are kept.
+    Photos are read one at a time, and only the small views and the lines are kept.
 
     Args:
         network: that was trained.
         photos: with their names.
+        look_at_lines: keep the lines of each photo, and say where it is none.
     """
     left = iter(photos)
-    while batch := [_seen(network, name, photo) for name, photo in islice(left, BATCH)]:
-        predicted = _predicted(network, [each[2] for each in batch if not isinstance(each, FailedPhoto)])
+    while batch := [_seen(network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
+        predicted = _predicted(network, [each.view for each in batch if not isinstance(each, FailedPhoto)])
         for each in batch:
-            yield each if isinstance(each, FailedPhoto) else _finding(network, *each, *next(predicted))
+            yield each if isinstance(each, FailedPhoto) else _finding(network, each, *next(predicted))
 
 
-def _seen(network: CameraNetwork, name: str, photo: AnyPhoto) -> tuple[str, Photo, NetworkView] | FailedPhoto:
-    """A photo without its pixels, and the part that the network sees."""
+def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen | FailedPhoto:
     spec = network.spec
     try:
         read = photo_of_array(photo, name) if isinstance(photo, ndarray) else read_photo(Path(photo))
+        if look_at_lines:
+            check_no_panorama(read.image, name)
     except UserError as error:
         return FailedPhoto(name, error)
     view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
-    return name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view
+    lines = LineEvidence.of(np.ascontiguousarray(read.image)) if look_at_lines else None
+    odd = odd_picture(read.image) if look_at_lines else None
+    doubts = () if odd is None else ((2, odd),)
+    return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, doubts)
 
 
 def _predicted(
@@ -69,15 +89,10 @@ def _predicted(
 
 
 def _finding(
-    network: CameraNetwork,
-    name: str,
-    photo: Photo,
-    view: NetworkView,
-    numbers: Tensor,
-    half: dict[str, Float64[ndarray, "4"]],
-    strangeness: float,
+    network: CameraNetwork, seen: _Seen, numbers: Tensor, half: dict[str, Float64[ndarray, "4"]], strangeness: float
 ) -> Finding | FailedPhoto:
     spec, camera = network.spec, CameraParameters(*numbers.unbind())
+    name, photo, view = seen.name, seen.photo, seen.view
     if not (numbers.isfinite().all() and camera.focal > 0 and camera.tilt.abs() < math.pi / 2):
         said = ", ".join(f"{n}={v:.3g}" for n, v in zip(camera._fields, numbers.tolist(), strict=True))
         return FailedPhoto(name, UserError(f"{name}: what the network predicts is no camera ({said})"))
@@ -94,4 +109,6 @@ def _finding(
             f"it does not look like anything the network was trained on: {strangeness:.1f} times as far from it as all "
             "but a twentieth of its validation images"
         )
-    return Finding(name, photo, view, camera, half, network.parameterization.k2_of_k1).doubted(1, *doubts)
+    family = network.parameterization.k2_of_k1
+    found = Finding(name, photo, view, camera, half, family, seen.doubts, lines=seen.lines, strangeness=strangeness)
+    return found.doubted(1, *doubts)

@@ -7,6 +7,8 @@ import numpy as np
 
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate
+from sextant.applications.calibration.jointly import jointly
+from sextant.baselines.calibration import FocalBelief
 from sextant.errors import ArgumentError
 from sextant.evaluation.calibration.fusion import Prior, fuse, with_prior
 
@@ -55,9 +57,22 @@ def with_focal_prior(finding: Finding, focal_prior: FocalPrior) -> Finding:
             if not low <= known <= high:
                 return finding.doubted(1, f"EXIF gives a focal length of {known:.0f} px, outside the 95 % interval")
         return finding
+    if finding.network is not None:
+        return _jointly_with(finding, prior, focal_prior)
     values, sigmas = estimate(finding)
     if not np.isfinite(sigmas).all():
         return finding.doubted(2, "the focal length of the prior was not used: the network gives no interval")
     fusion = with_prior(fuse(values[None], sigmas[None]), 0, prior)
     fused = adopt(finding, fusion, f"focal_prior={focal_prior}, normal")
     return fused.doubted(1, *disagreement(fusion.prior_z, focal_prior))
+
+
+def _jointly_with(finding: Finding, prior: Prior, focal_prior: FocalPrior) -> Finding:
+    """The finding with the focal length among the evidence; EXIF that contradicts the picture is not used."""
+    values, sigmas = estimate(finding)
+    z = float((prior.mean - values[0]) / np.hypot(sigmas[0], prior.sigma))
+    doubts = disagreement(z, focal_prior)
+    if doubts and focal_prior == "exif":
+        return finding.doubted(1, f"{doubts[0]}: it was not used")
+    focal = math.exp(prior.mean) * finding.side / finding.photo.height
+    return jointly(finding, [FocalBelief(focal, prior.sigma)]).doubted(1, *doubts)

@@ -7,29 +7,44 @@ Every method has ``fit(cameras)``, which learns a prior from training labels alo
 from sextant.baselines.calibration.combined import CombinedGeometry, detect_bent_segments
 from sextant.baselines.calibration.constant import ConstantCamera, PriorCamera
 from sextant.baselines.calibration.edge_chains import detect_chains
-from sextant.baselines.calibration.estimate import CalibrationEstimate, CameraPrior, Determined, stack_cameras
+from sextant.baselines.calibration.estimate import (
+    CalibrationEstimate,
+    CameraPrior,
+    Determined,
+    camera_of_vector,
+    stack_cameras,
+)
+from sextant.baselines.calibration.joint import JointEstimate, joint_estimate
+from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import count_long, detect_segments
 from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import PlumbLine
-from sextant.baselines.calibration.refinement import refine
+from sextant.baselines.calibration.terms import CameraBelief, FocalBelief, PhotoPrior, Term
 from sextant.baselines.calibration.training_prior import prior_of_cameras
 from sextant.baselines.calibration.vanishing_points import VanishingPoints
 
 __all__ = [
     "CalibrationBaseline",
     "CalibrationEstimate",
+    "CameraBelief",
     "CameraPrior",
     "CombinedGeometry",
     "ConstantCamera",
     "Determined",
+    "FocalBelief",
+    "JointEstimate",
+    "LineEvidence",
+    "PhotoPrior",
     "PlumbLine",
     "PriorCamera",
+    "Term",
     "VanishingPoints",
+    "camera_of_vector",
     "count_long",
     "detect_bent_segments",
     "detect_chains",
     "detect_segments",
+    "joint_estimate",
     "prior_of_cameras",
-    "refine",
     "stack_cameras",
 ]

@@ -65,10 +65,11 @@ def camera_axes(vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b 3 3"]:
 def sines(vectors: Float64[ndarray, "b 5"], segments: Float64[ndarray, "n 2 2"]) -> Float64[ndarray, "b 3 n"]:
     """Signed sine of the angle between each segment and its direction to each vanishing point, the lens undone."""
     focal = np.exp(vectors[:, 3])
-    return _sines(camera_axes(vectors), focal, _straightened(vectors, segments))
+    return _sines(camera_axes(vectors), focal, straightened(vectors, segments))
 
 
-def _straightened(vectors: Float64[ndarray, "b 5"], segments: Float64[ndarray, "n 2 2"]) -> Float64[ndarray, "b n 2 2"]:
+def straightened(vectors: Float64[ndarray, "b 5"], segments: Float64[ndarray, "n 2 2"]) -> Float64[ndarray, "b n 2 2"]:
+    """Ends of segments once the lens of each camera is undone."""
     k1_hat = vectors[:, 4, None, None]
     return undistort_points(segments[None], k1_hat, apparent_k2(k1_hat, np.exp(vectors[:, 3, None, None])))
 
@@ -76,10 +77,10 @@ def _straightened(vectors: Float64[ndarray, "b 5"], segments: Float64[ndarray, "
 def _sines(
     axes: Float[ndarray, "b 3 3"], focal: Float[ndarray, "b"], ends: Float[ndarray, "#b n 2 2"]
 ) -> Float[ndarray, "b 3 n"]:
-    return np.stack([_sines_to(axes[:, :, i, None], focal[:, None], ends) for i in range(3)], axis=1)
+    return np.stack([sines_to(axes[:, :, i, None], focal[:, None], ends) for i in range(3)], axis=1)
 
 
-def _sines_to(
+def sines_to(
     axes: Float[ndarray, "b 3 #n"], focal: Float[ndarray, "b 1"], ends: Float[ndarray, "#b n 2 2"]
 ) -> Float[ndarray, "b n"]:
     """The sines for one axis a segment, or one for all."""
@@ -151,8 +152,8 @@ class _Problem:
         vectors = np.repeat(self.fixed[None], len(free), axis=0)
         vectors[:, self.free] = free
         axes = np.take_along_axis(camera_axes(vectors), self.axis[None, None], axis=2)  # (b, 3, n)
-        ends = _straightened(vectors, self.segments)
-        data = _sines_to(axes, np.exp(vectors[:, 3, None]), ends) / self.noise
+        ends = straightened(vectors, self.segments)
+        data = sines_to(axes, np.exp(vectors[:, 3, None]), ends) / self.noise
         belief = (vectors[:, BELIEFS] - self.mean) / self.sigma
         return np.concatenate([data, belief], axis=1)
 

@@ -74,11 +74,21 @@ def deviations(
 ) -> Float64[ndarray, "a n"]:
     """How far from straight each chain is behind each lens, in image heights; relative to its extent there."""
     k1_hat = k1_hat[:, None, None]
-    points = undistort_points(chains[None], k1_hat, apparent_k2(k1_hat, focal))
+    return np.asarray(np.hypot(*bends(chains, undistort_points(chains[None], k1_hat, apparent_k2(k1_hat, focal)))))
+
+
+def bends(
+    chains: Float64[ndarray, "n points 2"], undone: Float64[ndarray, "a n points 2"]
+) -> tuple[Float64[ndarray, "a n"], Float64[ndarray, "a n"]]:
+    """Signed bow and S of chains once the lens is undone, in image heights of the chains as they were."""
     extent = np.linalg.norm(_polynomials(chains[None])[0, :, 0], axis=-1)
-    line, *bends = np.moveaxis(_polynomials(points), 2, 0)
-    across = [line[..., 0] * bend[..., 1] - line[..., 1] * bend[..., 0] for bend in bends]
-    return np.asarray(extent * np.hypot(*across) / np.square(line).sum(-1) / np.sqrt(chains.shape[1]))
+    line, second, third = np.moveaxis(_polynomials(undone), 2, 0)
+    scale = extent / np.square(line).sum(-1) / np.sqrt(chains.shape[1])
+    return _across(line, second) * scale, _across(line, third) * scale
+
+
+def _across(line: Float64[ndarray, "a n 2"], bend: Float64[ndarray, "a n 2"]) -> Float64[ndarray, "a n"]:
+    return np.asarray(line[..., 0] * bend[..., 1] - line[..., 1] * bend[..., 0])
 
 
 def _polynomials(points: Float64[ndarray, "a n points 2"]) -> Float64[ndarray, "a n 3 2"]:

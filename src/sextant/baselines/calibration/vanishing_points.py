@@ -73,8 +73,8 @@ def find_frame(
         return None
     k2_hat = apparent_k2(prior.k1_hat, prior.focal)
     straight = undistort_points(segments, prior.k1_hat, k2_hat)
-    frames, focal = _hypotheses(straight, prior, np.random.default_rng(seed))
-    starts = _upright(frames, focal, prior)
+    frames, focal = hypotheses(straight, prior, np.random.default_rng(seed))
+    starts = _likeliest(upright(frames, focal, prior.k1_hat), prior)
     straight, frames, focal = straight[:SCORED], frames.astype(np.float32), focal.astype(np.float32)
     cost = msac_cost(frames, focal, straight.astype(np.float32))
     strangeness = np.square((starts[:, BELIEFS] - prior.vector) / np.array(prior.sigma)).sum(axis=1)
@@ -86,10 +86,34 @@ def find_frame(
     return fit_manhattan(segments, min(rough, key=lambda fit: fit.cost).vector, prior, bent=bent)
 
 
-def _hypotheses(
+def explained_share(segments: Float64[ndarray, "n 2 2"], prior: CameraPrior, *, seed: int) -> float:
+    """Share of the longest segments' length that the best of many frames explains, from 0 to 1.
+
+    Where it is small the scene is no world of boxes, and a frame fitted to it anything.
+
+    Args:
+        segments: ends in image heights from the centre, longest first.
+        prior: belief about focal length and lens.
+        seed: of the hypotheses.
+    """
+    if len(segments) < FEWEST:
+        return 0.0
+    straight = undistort_points(segments, prior.k1_hat, apparent_k2(prior.k1_hat, prior.focal))
+    frames, focal = hypotheses(straight, prior, np.random.default_rng(seed))
+    cost = msac_cost(frames.astype(np.float32), focal.astype(np.float32), straight[:SCORED].astype(np.float32))
+    return float(1 - np.nan_to_num(cost, nan=1.0).min())
+
+
+def hypotheses(
     segments: Float64[ndarray, "n 2 2"], prior: CameraPrior, generator: np.random.Generator
 ) -> tuple[Float64[ndarray, "h 3 3"], Float64[ndarray, "h"]]:
-    """Orthogonal axes as columns, in the camera frame, with focal lengths; not finite where segments do not meet."""
+    """Orthogonal axes as columns, in the camera frame, with focal lengths; not finite where segments do not meet.
+
+    Args:
+        segments: straight, longest first.
+        prior: belief about the focal length, where two segments do not tell it.
+        generator: of the picks.
+    """
     ones = np.ones((len(segments), 1))
     lines = np.cross(np.hstack([segments[:, 0], ones]), np.hstack([segments[:, 1], ones]))
     weights = segment_lengths(segments)
@@ -116,27 +140,31 @@ def _unit(vectors: Float64[ndarray, "h 3"]) -> Float64[ndarray, "h 3"]:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def _upright(
-    frames: Float64[ndarray, "h 3 3"], focal: Float64[ndarray, "h"], prior: CameraPrior
-) -> Float64[ndarray, "h 5"]:
-    """Tilt, roll, heading, log focal and k1_hat of frames; the zenith is the axis with the likeliest tilt and roll.
+def upright(
+    frames: Float64[ndarray, "h 3 3"], focal: Float64[ndarray, "h"], k1_hat: float
+) -> Float64[ndarray, "3 h 5"]:
+    """Tilt, roll, heading, log focal and k1_hat of frames, with each axis in turn as the zenith.
 
-    Not finite where no axis leaves the roll within 45 degrees.
+    Not finite where that would roll the camera by more than 45 degrees.
     """
-    up = np.moveaxis(frames, -1, 1)  # (h, axis, 3)
+    up = np.moveaxis(frames, -1, 0)  # (axis, h, 3)
     up = np.where(up[..., 1:2] > 0, -up, up)
     tilt, roll = np.arctan2(up[..., 2], np.hypot(up[..., 0], up[..., 1])), np.arctan2(-up[..., 0], -up[..., 1])
-    cost = ((tilt - prior.tilt) / prior.sigma[0]) ** 2 + ((roll - prior.roll) / prior.sigma[1]) ** 2
-    cost = np.where(np.abs(roll) < np.pi / 4, cost, np.inf)
-    zenith = np.nan_to_num(cost, nan=np.inf).argmin(axis=1)
-    rows = np.arange(len(frames))
-    tilt, roll = tilt[rows, zenith], np.where(np.isfinite(cost[rows, zenith]), roll[rows, zenith], np.nan)
-    side = frames[rows, :, (zenith + 1) % 3]  # any other axis has the heading, up to a right angle
+    roll = np.where(np.abs(roll) < np.pi / 4, roll, np.nan)
+    side = np.roll(np.moveaxis(frames, -1, 0), -1, axis=0)  # any other axis has the heading, up to a right angle
     (ct, st), (cr, sr) = (np.cos(tilt), np.sin(tilt)), (np.cos(roll), np.sin(roll))
-    across = cr * side[:, 0] - sr * side[:, 1]
-    ahead = st * (sr * side[:, 0] + cr * side[:, 1]) + ct * side[:, 2]
+    across = cr * side[..., 0] - sr * side[..., 1]
+    ahead = st * (sr * side[..., 0] + cr * side[..., 1]) + ct * side[..., 2]
     heading = np.mod(np.arctan2(across, ahead) + np.pi / 4, np.pi / 2) - np.pi / 4
-    return np.stack([tilt, roll, heading, np.log(focal), np.full_like(focal, prior.k1_hat)], axis=-1)
+    lens = np.broadcast_to(np.stack([np.log(focal), np.full_like(focal, k1_hat)], axis=-1), (3, len(focal), 2))
+    return np.concatenate([np.stack([tilt, roll, heading], axis=-1), lens], axis=-1)
+
+
+def _likeliest(vectors: Float64[ndarray, "3 h 5"], prior: CameraPrior) -> Float64[ndarray, "h 5"]:
+    """Of each frame the zenith with the likeliest tilt and roll; not finite where there is none."""
+    off = (vectors[..., :2] - prior.vector[:2]) / np.array(prior.sigma[:2])
+    zenith = np.nan_to_num(np.square(off).sum(-1), nan=np.inf).argmin(axis=0)
+    return np.asarray(vectors[zenith, np.arange(len(zenith))])
 
 
 def _distinct(order: Float[ndarray, "h"], starts: Float64[ndarray, "h 5"]) -> list[int]:

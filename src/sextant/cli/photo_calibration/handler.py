@@ -23,5 +23,6 @@ class Calibration(Handler):
         from sextant.applications import PhotoCalibrator
         from sextant.cli.photo_calibration.predict import predict_calibrations
 
-        calibrator = PhotoCalibrator.of(trained.content, trained.found.checkpoint, trust=trained.trust)
-        predict_calibrations(calibrator, paths, output, CalibrationOptions.of(given))
+        options, content = CalibrationOptions.of(given), trained.content
+        calibrator = PhotoCalibrator.of(content, trained.found.checkpoint, trust=trained.trust, method=options.method)
+        predict_calibrations(calibrator, paths, output, options)

@@ -14,6 +14,8 @@ Undistort = Literal["crop", "all", "none"]
 class CalibrationOptions(Options):
     """What the user chose."""
 
+    method: Literal["joint", "lines", "network"] = Field("joint", examples=["network"])
+    """joint (default: network, lines and what cameras people hold, in one), lines (no network) or network (alone)"""
     undistort: Undistort = Field("crop", examples=["all"])
     """crop (default: no borders), all (every pixel is kept, with borders) or none (no straightened photos)"""
     camera: Literal["each", "one"] = Field("each", examples=["one"])

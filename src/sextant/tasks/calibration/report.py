@@ -1,5 +1,6 @@
 """The trained network beside methods that learn nothing or look at lines alone: errors, table, figures."""
 
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from sextant.tasks.calibration.network import CalibrationPrediction, reported
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from sextant.baselines.calibration import CameraBelief
 
 Progress = Callable[[int, int], None]
 #: errors that are kept as metrics of a run
@@ -88,11 +91,18 @@ def _geometric(
     module: Calibration, data: CalibrationData, training: CameraParameters, n: int, progress: Progress
 ) -> tuple[dict[str, CameraParameters], Int64[ndarray, "n"]]:
     """Cameras of every geometric method for the test crops, and how many long segments each crop has."""
-    from sextant.baselines.calibration import CombinedGeometry, PlumbLine, VanishingPoints, refine
+    from sextant.baselines.calibration import (
+        CombinedGeometry,
+        LineEvidence,
+        PlumbLine,
+        VanishingPoints,
+        camera_of_vector,
+        joint_estimate,
+    )
 
     assert module.result is not None
     prediction = module.result.predictions["clean"]
-    sigmas = standard_deviations(prediction)
+    beliefs = network_beliefs(prediction)
     methods = {
         "vanishing points": VanishingPoints().fit(training),
         "plumb lines": PlumbLine().fit(training),
@@ -101,9 +111,8 @@ def _geometric(
 
     def look(i: int, image: UInt8[ndarray, "h w 3"]) -> tuple[list[CameraParameters], int]:
         estimates = [method.calibrate(image) for method in methods.values()]
-        network, sigma = (CameraParameters(*(v[i].double() for v in of)) for of in (prediction.parameters, sigmas))
-        refined = refine(image, network, sigma)
-        return [*(estimate.camera for estimate in estimates), refined.camera], estimates[0].long_segments
+        joint = camera_of_vector(joint_estimate(LineEvidence.of(image), [beliefs[i]]).vector)
+        return [*(estimate.camera for estimate in estimates), joint], estimates[0].long_segments
 
     found = list(_over_crops(data, "test", n, look, progress))
     columns = zip(*(cameras for cameras, _ in found), strict=True)
@@ -111,11 +120,16 @@ def _geometric(
     return dict(zip([*methods, "network + lines"], stacked, strict=True)), np.array([count for _, count in found])
 
 
-def standard_deviations(prediction: CalibrationPrediction) -> CameraParameters:
-    """Standard deviations of tilt, roll, focal length and k1, to first order: half the widths of 68 % intervals."""
-    tilt, roll, vfov, k1_hat = (prediction.scale * prediction.quantile(0.68).nan_to_num(posinf=3.0)).unbind(-1)
-    square = prediction.parameters.focal.square()
-    return CameraParameters(tilt, roll, vfov * (square + 0.25), k1_hat * square)
+def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
+    """What the network says of each image, its standard errors half the widths of the 68 % intervals."""
+    from sextant.baselines.calibration import CameraBelief
+
+    sigmas = (prediction.scale * prediction.quantile(0.68).nan_to_num(posinf=3.0)).double().tolist()
+    cameras = reported(prediction.parameters).double().tolist()
+    return [
+        CameraBelief(tilt, roll, 0.5 / math.tan(vfov / 2), k1_hat, tuple(sigma))
+        for (tilt, roll, vfov, k1_hat), sigma in zip(cameras, sigmas, strict=True)
+    ]
 
 
 def _segment_counts(data: CalibrationData, split: str, progress: Progress) -> Int64[ndarray, "n"]:

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sextant.applications.calibration.finding import LEVELS
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
-from sextant.figures.calibration.overlay import CalibratedPhoto, calibration_sheet
-from sextant.figures.style import save_figure
+
+if TYPE_CHECKING:
+    from sextant.figures.calibration.overlay import CalibratedPhoto
 
 COLUMNS = (
     "file", "verdict", "tilt_deg", "roll_deg", "focal_px", "vfov_deg", "true_vfov_deg", "true_hfov_deg", "k1", "k2",
@@ -21,7 +22,7 @@ BOUNDED = [(name, level) for name in ("tilt_deg", "roll_deg", "focal_px", "vfov_
 def write_collected(
     rows: Sequence[Mapping[str, Any]],
     summary: Mapping[str, Any] | None,
-    sheet: Sequence[CalibratedPhoto],
+    sheet: "Sequence[CalibratedPhoto]",
     output: Path,
 ) -> None:
     """Write ``calibrations.json``, ``calibrations.csv`` and ``calibrations.png``.
@@ -40,6 +41,9 @@ def write_collected(
         names = [f"{q}_{level}_{end}" for q, level in BOUNDED for end in ("low", "high")]
         write_csv(output / "calibrations.csv", [*COLUMNS, *names], map(_flat, rows))
         if sheet:
+            from sextant.figures.calibration.overlay import calibration_sheet
+            from sextant.figures.style import save_figure
+
             save_figure(calibration_sheet(sheet), output, "calibrations")
 
 

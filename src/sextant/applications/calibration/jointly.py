@@ -1,0 +1,88 @@
+r"""A photo's camera by all that is known of it: the network, lines, what people's cameras are, and what else was named.
+
+Standard errors come from the curvature of the joint cost (:mod:`sextant.baselines.calibration.joint`). How often the
+truth lies within a multiple of them was counted on real photos and panoramas, and :data:`MULTIPLES` are those that held
+68 and 95 %: a normal's would be 1 and 1.96, and real evidence has longer tails.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import torch
+
+from sextant.applications.calibration.finding import LEVELS, Finding
+from sextant.baselines.calibration import CameraBelief, JointEstimate, PhotoPrior, Term, joint_estimate
+from sextant.geometry import CameraParameters, vfov_from_focal
+
+Method = Literal["joint", "lines", "network"]
+#: by how much a network's errors of tilt, roll, vfov and k1_hat on photos of sources that it never saw exceed those
+#: that it expects: rounded up from crops of 60 panoramas and 110 photos; more for vfov, in which it errs all one way
+NETWORK_SCALE = np.array([1.2, 1.2, 2.2, 4.0])
+#: of the joint standard errors of tilt, roll, vfov and k1_hat, by level: counted on 254 photos and crops of nine
+#: sources that trained no network, each source weighing as much as the root of its photos
+MULTIPLES = {"68": np.array([1.15, 0.85, 1.0, 1.85]), "95": np.array([3.4, 2.7, 3.0, 6.0])}
+#: standard deviation of a lens's principal point off the centre, longer sides: it turns the tilt
+PRINCIPAL_POINT = 0.01
+#: of tilt, roll and log focal, where a network has its own opinion of how people hold cameras
+WIDE = (1.0, 0.2, 0.35)
+#: standard errors between the network and the joint camera from which they disagree
+DISAGREE = 3.0
+
+
+def by_method(finding: Finding, method: Method) -> Finding:
+    """What one method makes of a photo that was seen: all evidence, all but the network, or the network alone."""
+    return finding if method == "network" else jointly(replace(finding, trusts_network=method == "joint"))
+
+
+def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
+    """The camera by the network's finding, the lines, the prior, and ``more`` that is known.
+
+    Args:
+        finding: of a photo whose lines were looked at; by the network, or jointly already.
+        more: beliefs, in heights of the photo.
+    """
+    said = finding.network or finding
+    assert said.lines is not None
+    longer = said.lines.longer
+    beliefs = [network_belief(said), PhotoPrior(longer, WIDE)] if said.trusts_network else [PhotoPrior(longer)]
+    found = joint_estimate(said.lines, [*beliefs, *more])
+    joint = _adopted(said, found, longer)
+    return joint.doubted(1, *_disagreements(said, joint)) if said.trusts_network else joint
+
+
+def network_belief(said: Finding) -> CameraBelief:
+    """What the network says, with errors as it makes them on real photos; larger where a photo looks strange to it."""
+    camera = said.camera
+    tilt, roll, vfov, k1_hat = map(float, NETWORK_SCALE * max(1.0, said.strangeness) * said.half["68"])
+    return CameraBelief(
+        float(camera.tilt), float(camera.roll), float(camera.focal), float(camera.k1 / camera.focal.square()),
+        (tilt, roll, vfov, k1_hat), zoom=said.zoom,
+    )  # fmt: skip
+
+
+def _adopted(said: Finding, found: JointEstimate, longer: float) -> Finding:
+    tilt, roll, log_focal, k1_hat = found.vector
+    focal = math.exp(log_focal) / said.zoom
+    k1_hat *= said.zoom**2
+    per_log_focal = 4 * focal / (4 * focal**2 + 1)  # |d vfov / d ln f|
+    sigma = np.sqrt(np.maximum(np.diag(found.covariance), 0)) * [1, 1, per_log_focal, said.zoom**2]
+    sigma[0] = math.hypot(sigma[0], PRINCIPAL_POINT * longer / math.exp(log_focal))
+    half = {level: MULTIPLES[level] * sigma for level in LEVELS}
+    camera = CameraParameters(*torch.tensor([tilt, roll, focal, k1_hat * focal**2], dtype=torch.float64).unbind())
+    return replace(said, camera=camera, half=half, basis="joint cost, calibrated on real photos", network=said)
+
+
+def _disagreements(said: Finding, joint: Finding) -> list[str]:
+    """Where the network is far off what lines and priors made of the photo."""
+    off = [said.camera.tilt - joint.camera.tilt, said.camera.roll - joint.camera.roll]
+    off.append(vfov_from_focal(said.camera.focal) - vfov_from_focal(joint.camera.focal))
+    sigmas = (NETWORK_SCALE * said.half["68"])[:3]
+    far = [
+        f"{name} by {abs(math.degrees(float(each))):.0f}°"
+        for name, each, sigma in zip(("tilt", "roll", "field of view"), off, sigmas, strict=True)
+        if abs(float(each)) > DISAGREE * sigma
+    ]
+    return [f"the network and the lines disagree: {', '.join(far)}"] if far else []

@@ -1,0 +1,78 @@
+r"""One camera from all evidence at once: lines, a network, what cameras people hold, and what else is known.
+
+The estimate is the camera of least cost (:mod:`~sextant.baselines.calibration.joint_problem`) over many starts: frames
+of vanishing points, and the believed cameras with the headings that suit the lines best. The curvature at the optimum
+gives a covariance, to which other modes add by how probable they are beside the best.
+
+Sources: as :mod:`~sextant.baselines.calibration.vanishing_points`; K. L. Lange, R. J. A. Little, J. M. G. Taylor,
+"Robust statistical modeling using the t distribution", JASA 1989, for the losses.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.baselines.calibration.joint_problem import K1_HAT, LOG_FOCAL, ROLL, TILT, JointProblem, Mode
+from sextant.baselines.calibration.line_evidence import LineEvidence
+from sextant.baselines.calibration.starts import joint_starts
+from sextant.baselines.calibration.terms import Term
+
+#: of the rough fits, those that are refined
+FINAL = 2
+
+
+@dataclass(frozen=True, eq=False)
+class JointEstimate:
+    """One photo's camera by all evidence.
+
+    Attributes:
+        vector: tilt, roll, log focal and k1_hat of the best mode, in image heights.
+        covariance: of them, other modes included.
+        inliers: segments that point to an axis.
+        rivals: probability of all modes but the best.
+    """
+
+    vector: Float64[ndarray, "4"]
+    covariance: Float64[ndarray, "4 4"]
+    inliers: int
+    rivals: float
+
+
+def joint_estimate(lines: LineEvidence, beliefs: Sequence[Term], *, seed: int = 0) -> JointEstimate:
+    """The camera of a photo by its lines and all else that is known.
+
+    Args:
+        lines: of the photo.
+        beliefs: a network's, priors, and what else is known; in heights of the photo.
+        seed: of the vanishing points' hypotheses; the same evidence and seed give the same camera.
+
+    Raises:
+        ValueError: nothing bounds the camera.
+    """
+    if not beliefs:
+        raise ValueError("need at least one belief: lines alone do not bound every camera")
+    problem = JointProblem(lines, beliefs)
+    rough = sorted((problem.rough(start) for start in joint_starts(problem, seed)), key=lambda mode: mode.cost)
+    modes = sorted((problem.fine(mode.vector) for mode in _apart(rough)[:FINAL]), key=lambda mode: mode.cost)
+    best, known = modes[0], [TILT, ROLL, LOG_FOCAL, K1_HAT]
+    modes = _apart(modes)
+    weights = np.exp(best.cost - np.array([mode.cost for mode in modes]))
+    weights /= weights.sum()
+    covariance = np.zeros((4, 4))
+    for weight, mode in zip(weights, modes, strict=True):
+        off = (mode.vector - best.vector)[known]
+        covariance += weight * (mode.covariance[np.ix_(known, known)] + np.outer(off, off))
+    return JointEstimate(best.vector[known], covariance, best.inliers, float(1 - weights[0]))
+
+
+def _apart(modes: Sequence[Mode]) -> list[Mode]:
+    """Without those that are the same camera as one before."""
+    kept: list[Mode] = []
+    for mode in modes:
+        off = [np.abs(mode.vector - other.vector)[[TILT, ROLL, LOG_FOCAL]].max() for other in kept]
+        if min(off, default=1.0) > 0.02:
+            kept.append(mode)
+    return kept

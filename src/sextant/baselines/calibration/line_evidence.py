@@ -1,0 +1,60 @@
+"""What the lines of a photo say of its camera, before anything else is asked."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+from numpy import ndarray
+
+from sextant.baselines.calibration.combined import detect_bent_segments
+from sextant.baselines.calibration.edge_chains import detect_chains
+from sextant.baselines.calibration.estimate import CameraPrior
+from sextant.baselines.calibration.line_segments import count_long
+from sextant.baselines.calibration.plumb_line import straightening_k1_hat
+from sextant.baselines.calibration.vanishing_points import explained_share
+
+#: by which chains are straightened before segments are looked for
+FIRST = CameraPrior(focal=0.9, k1_hat=-0.03, sigma=(0.3, 0.1, 0.4, 0.15))
+
+
+@dataclass(frozen=True, eq=False)
+class LineEvidence:
+    """The lines of one photo.
+
+    Attributes:
+        chains: smooth chains of edge pixels, image heights from the centre.
+        segments: ends of what is straight once the lens is undone, longest first.
+        k1_hat: that straightens the chains, a first guess.
+        longer: longer side of the photo, image heights.
+        explained: share of the segments' length that some frame of three orthogonal axes explains.
+    """
+
+    chains: Float64[ndarray, "n points 2"]
+    segments: Float64[ndarray, "m 2 2"]
+    k1_hat: float
+    longer: float
+    explained: float = 1.0
+
+    @classmethod
+    def of(cls, image: UInt8[ndarray, "h w 3"]) -> "LineEvidence":
+        """The lines of an RGB image.
+
+        Raises:
+            ValueError: it is no uint8 RGB image.
+        """
+        chains = detect_chains(image)
+        k1_hat, _ = straightening_k1_hat(chains, FIRST)
+        longer = max(image.shape[1] / image.shape[0], 1.0)
+        segments = detect_bent_segments(image, k1_hat, FIRST.focal)
+        explained = explained_share(segments, replace(FIRST, k1_hat=k1_hat, focal=FIRST.focal * longer), seed=0)
+        return cls(chains, segments, k1_hat, longer, explained)
+
+    @classmethod
+    def nothing(cls, longer: float) -> "LineEvidence":
+        """That of a photo whose lines are not looked at."""
+        return cls(np.zeros((0, 16, 2)), np.zeros((0, 2, 2)), 0.0, longer)
+
+    @property
+    def long_segments(self) -> int:
+        """How many segments are longer than a tenth of the image height."""
+        return count_long(self.segments)

@@ -1,0 +1,77 @@
+"""Where the search for a photo's camera starts: frames of vanishing points, and cameras that are believed."""
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.baselines.calibration.estimate import CameraPrior
+from sextant.baselines.calibration.joint_problem import HEADING, K1_HAT, OUTLIER, JointProblem
+from sextant.baselines.calibration.lens import apparent_k2, undistort_points
+from sextant.baselines.calibration.manhattan import camera_axes, msac_cost
+from sextant.baselines.calibration.terms import CameraBelief, PhotoPrior
+from sextant.baselines.calibration.vanishing_points import FEWEST, SCORED, hypotheses, upright
+
+#: headings of a believed camera that are tried: a frame repeats after a right angle
+HEADINGS = np.radians(np.arange(-45, 45, 3.0))
+#: frames that are followed; how much a belief counts while vectors are as rough as four segments make them
+FOLLOWED, ROUGHLY = 6, 0.3
+#: distance in tilt, roll, heading or log focal from which two starts are two
+APART = 0.1
+
+
+def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]]:
+    """Cameras to start from; each believed one with its best heading is always among them."""
+    believed = _believed(problem)
+    segments = problem.lines.segments
+    if len(segments) < FEWEST:
+        return believed
+    k1_hat, focal = problem.lines.k1_hat, float(np.exp(believed[0][3]))
+    straight = undistort_points(segments, k1_hat, apparent_k2(k1_hat, focal))
+    scored = straight[:SCORED].astype(np.float32)
+    nats = OUTLIER * problem.share * len(segments)  # of a picture whose segments all fit no axis
+
+    def lines_cost(axes: ndarray, focals: ndarray) -> ndarray:
+        share = msac_cost(axes.astype(np.float32), focals.astype(np.float32), scored)
+        return np.asarray(nats * np.nan_to_num(share, nan=np.inf))
+
+    lens = CameraPrior(focal=focal, sigma=(0.3, 0.15, 0.35, 0.3))
+    frames, focals = hypotheses(straight, lens, np.random.default_rng(seed))
+    vectors = upright(frames, focals, k1_hat).reshape(-1, 5)
+    legal = np.isfinite(vectors).all(axis=1)
+    costs = np.tile(lines_cost(frames, focals), 3)[legal]
+    vectors = vectors[legal]
+    turned = [_turned(vector) for vector in believed]
+    headed = [lines_cost(camera_axes(each), np.exp(each[:, 3])) for each in turned]
+    vectors = np.concatenate([vectors, *turned])
+    costs = np.concatenate([costs, *headed]) + ROUGHLY * problem.belief_cost(vectors)
+    starts = _first_apart(vectors, costs)
+    return starts + [each[cost.argmin()] for each, cost in zip(turned, headed, strict=True)]
+
+
+def _believed(problem: JointProblem) -> list[Float64[ndarray, "5"]]:
+    """The cameras that beliefs name as such."""
+    longer, k1_hat = problem.lines.longer, problem.lines.k1_hat
+    found = []
+    for term in problem.beliefs:
+        if isinstance(term, CameraBelief):
+            found.append([term.tilt, term.roll, 0.0, np.log(term.focal * term.zoom), k1_hat])
+        elif isinstance(term, PhotoPrior):
+            found.append([0.0, 0.0, 0.0, np.log(term.focal * longer), k1_hat])
+    return [np.array(vector) for vector in found or [[0.0, 0.0, 0.0, np.log(0.95 * longer), k1_hat]]]
+
+
+def _turned(vector: Float64[ndarray, "5"]) -> Float64[ndarray, "h 5"]:
+    turned = np.repeat(vector[None], len(HEADINGS), axis=0)
+    turned[:, HEADING] = HEADINGS
+    return turned
+
+
+def _first_apart(vectors: Float64[ndarray, "n 5"], costs: Float64[ndarray, "n"]) -> list[Float64[ndarray, "5"]]:
+    """The cheapest vectors that are apart."""
+    kept: list[ndarray] = []
+    for index in np.argsort(costs, kind="stable")[:80]:
+        if not np.isfinite(costs[index]) or len(kept) == FOLLOWED:
+            break
+        if all(np.abs(vectors[index] - other)[:K1_HAT].max() > APART for other in kept):
+            kept.append(vectors[index])
+    return kept

@@ -1,0 +1,52 @@
+"""``sextant benchmark calibration``: all methods on photos of known cameras, in one table."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from sextant.cli.arguments import Options, UserPath
+from sextant.cli.console import console
+from sextant.cli.output_folder import make_output, tell_written
+from sextant.errors import UserError
+
+USAGE = (
+    "sextant benchmark calibration folder=<folder of photos, or its name in SEXTANT_DATA> [run=<run>] [output=<folder>]"
+)
+
+
+class BenchmarkOptions(Options):
+    """What the user chose."""
+
+    folder: UserPath
+    """photos of known cameras with a table, or panoramas: its path, or its name in SEXTANT_DATA, such as york_urban"""
+    run: str = "zoo:calibration"
+    """the network: a run of calibration, or a checkpoint; that of the package unless given"""
+    sampling: str = "lopez_4x3"
+    """distribution of the cameras of photos that are cut from panoramas"""
+    cuts: Annotated[int, Field(ge=1)] = 7
+    """photos that are cut from each panorama"""
+    output: UserPath = Path("benchmark")
+    """folder for the tables and each photo's errors"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure, show the tables and write them."""
+    if not {"calibration", "-h", "--help"} & set(arguments):
+        raise UserError("benchmark: what is measured is missing", USAGE)
+    options = BenchmarkOptions.parse([each for each in arguments if each != "calibration"], USAGE)
+    make_output(options.output)
+    from sextant.applications import PhotoCalibrator
+    from sextant.lifecycle.photo_benchmark import benchmark_calibration, write_benchmark
+
+    data = Path(os.environ.get("SEXTANT_DATA", "")) / options.folder
+    folder = options.folder if options.folder.is_dir() else data
+    with console.status("photos") as status:
+        found = benchmark_calibration(
+            PhotoCalibrator.load(options.run), folder, sampling=options.sampling, cuts=options.cuts,
+            progress=lambda done: status.update(f"{done} photos"),
+        )  # fmt: skip
+    console.print(found.markdown())
+    tell_written(f"{len(found.names)} photos measured", 0, write_benchmark(found, options.output))

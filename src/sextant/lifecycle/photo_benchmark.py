@@ -1,0 +1,154 @@
+"""All methods of a calibrator on a folder of photos of known cameras."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from sextant.applications.calibration.calibrator import PhotoCalibrator
+from sextant.applications.calibration.finding import LEVELS, Finding
+from sextant.applications.calibration.inference import find_cameras
+from sextant.applications.calibration.jointly import Method, by_method
+from sextant.applications.calibration.reporting import photo_camera
+from sextant.applications.failures import FailedPhoto
+from sextant.applications.write_errors import telling_write_errors
+from sextant.atomic_files import write_atomically, write_csv
+from sextant.composing.compose import compose, to_plain
+from sextant.config.build_part import build_part
+from sextant.data.calibration import CameraDistribution
+from sextant.data.calibration.known_photos import KnownPhoto, known_photos
+from sextant.evaluation.calibration.photo_benchmark import (
+    PUBLISHED_BY,
+    Answers,
+    Table,
+    Truth,
+    error_table,
+    interval_table,
+    verdict_table,
+)
+from sextant.reports.tables import TextTable
+from sextant.tasks.calibration.network import CameraNetwork
+
+#: of a failed photo
+NOTHING = (math.nan,) * 10
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoBenchmark:
+    """What every method says of the photos of a folder.
+
+    Attributes:
+        folder: of the photos.
+        truth: their cameras.
+        names: of the photos.
+        methods: answers by method.
+    """
+
+    folder: Path
+    truth: Truth
+    names: tuple[str, ...]
+    methods: dict[str, Answers]
+
+    def tables(self) -> dict[str, Table]:
+        """By title: errors, intervals, and verdicts of the joint method."""
+        return {
+            "Median error [95 % interval over independent photos] and AUC; *in italics*: published, each on photos of "
+            f"its own ({PUBLISHED_BY})": error_table(self.truth, self.methods),
+            "Truth inside the interval, %": interval_table(self.truth, self.methods),
+            "Verdicts of the joint method": verdict_table(self.truth, self.methods["joint"]),
+        }
+
+    def markdown(self) -> str:
+        """The tables under their titles."""
+        return "\n".join(f"{title}:\n\n{TextTable(*table).markdown()}" for title, table in self.tables().items())
+
+    def rows(self) -> list[dict[str, object]]:
+        """Each photo's errors under each method."""
+        found: list[dict[str, object]] = []
+        for method, answers in self.methods.items():
+            errors = self.truth.errors(answers.cameras)
+            for i, name in enumerate(self.names):
+                row = {"photo": name, "method": method, "verdict": answers.verdicts[i]}
+                found.append(row | {key: float(values[i]) for key, values in errors.items()})
+        return found
+
+
+def benchmark_calibration(
+    calibrator: PhotoCalibrator,
+    folder: Path,
+    *,
+    sampling: str = "lopez_4x3",
+    cuts: int = 7,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda done: None,
+) -> PhotoBenchmark:
+    """Lines alone, the network alone and both jointly on photos of known cameras.
+
+    Args:
+        calibrator: whose network is measured.
+        folder: of the photos, or panoramas; see :mod:`sextant.data.calibration.known_photos`.
+        sampling: of the cameras of photos cut from panoramas.
+        cuts: photos cut from each panorama.
+        seed: of these cameras.
+        progress: is called with the number of photos done.
+
+    Raises:
+        UserError: there is no photo of a known camera.
+    """
+    config = to_plain(compose(["task=calibration", f"sampling={sampling}"]))
+    distribution: CameraDistribution = build_part(config["sampling"])
+    known: list[KnownPhoto] = []
+    answers: dict[Method, list[tuple[tuple[float, ...], str]]] = {method: [] for method in reversed(get_args(Method))}
+    for photo in known_photos(folder, distribution, cuts=cuts, seed=seed):
+        (found,) = find_cameras(calibrator.network, [(photo.name, photo.image)], look_at_lines=True)
+        for method, said in answers.items():
+            said.append(_numbers(found, method, calibrator.network))
+        known.append(_without_pixels(photo))
+        progress(len(known))
+    truth = Truth(
+        np.array([[photo.tilt, photo.roll, photo.focal, photo.k1] for photo in known]),
+        np.array([photo.image.shape[1] / photo.image.shape[0] for photo in known]),
+        [photo.cluster for photo in known],
+    )
+    names = tuple(photo.name for photo in known)
+    return PhotoBenchmark(folder, truth, names, {method: _answers(said) for method, said in answers.items()})
+
+
+def write_benchmark(found: PhotoBenchmark, output: Path) -> list[Path]:
+    """Write ``benchmark.md``, the tables, and ``benchmark.csv``, each photo's errors under each method.
+
+    Raises:
+        UserError: the disk is full, or the folder cannot be written to.
+    """
+    text, rows = f"# {found.folder.name}\n\n{found.markdown()}", found.rows()
+    with telling_write_errors(output):
+        write_atomically(output / "benchmark.md", lambda file: file.write(text.encode()))
+        write_csv(output / "benchmark.csv", list(rows[0]), rows)
+    return [output / "benchmark.md", output / "benchmark.csv"]
+
+
+def _numbers(found: Finding | FailedPhoto, method: Method, network: CameraNetwork) -> tuple[tuple[float, ...], str]:
+    """Camera and half widths in one row, in heights of the photo, and the verdict."""
+    if isinstance(found, FailedPhoto):
+        return NOTHING, "failed"
+    camera = photo_camera(by_method(found, method), network)
+    numbers = [math.radians(camera.tilt_deg), math.radians(camera.roll_deg), camera.focal_px / camera.height, camera.k1]
+    for ends in (camera.interval_68, camera.interval_95):
+        halves = ((pair[1] - pair[0]) / 2 for pair in (ends.tilt_deg, ends.roll_deg, ends.vfov_deg))
+        numbers += [math.radians(half) for half in halves]
+    return tuple(numbers), camera.verdict
+
+
+def _without_pixels(photo: KnownPhoto) -> KnownPhoto:
+    rows, columns = photo.image.shape[:2]
+    shape = np.broadcast_to(np.zeros((1, 1, 3), np.uint8), (rows, columns, 3))
+    return KnownPhoto(photo.name, photo.cluster, shape, photo.tilt, photo.roll, photo.focal, photo.k1)
+
+
+def _answers(said: list[tuple[tuple[float, ...], str]]) -> Answers:
+    numbers = np.array([row for row, _ in said])
+    half = {level: numbers[:, 4 + 3 * i : 7 + 3 * i] for i, level in enumerate(LEVELS)}
+    return Answers(numbers[:, :4], half, [verdict for _, verdict in said])
