@@ -54,6 +54,7 @@ def test_a_model_that_does_not_fit_its_map_is_refused_in_its_terms():
             "dataset.folder: no such folder\ndataset.folder=/path",
         ),
         (ArgumentError("frames.val=[4, 3] is empty"), "dataset.frames.val=[4, 3] is empty"),
+        (ArgumentError("folder.day-left: no images"), "dataset.folder.day-left: no images"),
         (ArgumentError("frames.val is null"), "dataset.frames.val is null"),
         (MissingDataError("a folder holds no frames"), "a folder holds no frames"),
         (ArgumentError("near_map=3: no frames", of="DriveSettings"), "task.near_map=3: no frames"),
@@ -64,3 +65,7 @@ def test_what_no_part_is_named_for_is_of_the_dataset_and_settings_are_of_the_tas
     with pytest.raises(UserError) as caught, naming_groups(raw):
         raise error
     assert str(caught.value) == said
+
+
+def test_a_part_without_keys_names_none():
+    assert ArgumentError("top=0 is too small", "top=1").named({}).problem == "top=0 is too small"

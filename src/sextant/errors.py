@@ -55,8 +55,10 @@ class ArgumentError(UserError):
         An argument is what stands before ``=``, also with a part of it named (``frames.train=``), and what a message
         begins with: ``frames.train is``, ``folder: ``.
         """
-        name = rf"({'|'.join(map(re.escape, keys))})"
-        written = re.compile(rf"(?<![\w.]){name}(?=(?:\.\w+)*=)|^{name}(?=(?:\.\w+)*(?::| is | has | and ))")
+        if not keys:
+            return UserError(self.problem, self.fix)
+        name, inner = rf"({'|'.join(map(re.escape, keys))})", r"(?:\.[\w-]+)*"
+        written = re.compile(rf"(?<![\w.]){name}(?={inner}=)|^{name}(?={inner}(?::| is | has | and ))")
         problem, fix = (written.sub(lambda m: keys[m[0]], text) for text in (self.problem, self.fix or ""))
         return UserError(problem, fix or None)
 

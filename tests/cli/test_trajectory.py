@@ -18,9 +18,8 @@ def files(tmp_path):
 
 
 def test_errors_picture_and_numbers(files, tmp_path, capsys):
-    run(
-        "trajectory", [*files, f"figure={tmp_path / 'plan.png'}", "alignment=rigid", f"json={tmp_path / 'errors.json'}"]
-    )
+    picture, numbers = tmp_path / "plan.png", tmp_path / "errors.json"
+    run("trajectory", [*files, f"figure={picture}", "alignment=rigid", f"json={numbers}"])
     said = capsys.readouterr().out
     assert "200 frames in both, of 200 and 200" in said
     assert "APE, alignment none" in said
@@ -38,10 +37,15 @@ def test_errors_picture_and_numbers(files, tmp_path, capsys):
         ([], "trajectory needs two files, got 0"),
         (["alignment=best"], "alignment=best must be one of none, rigid, similarity"),
         (["max_gap=1"], "max_gap=1: unknown key"),
+        (["<files>", "figure=plan.txt"], "figure=plan.txt must end in .png, .svg, .pdf"),
+        (["<files>", "alignment=rigid"], "alignment=rigid is of the picture, and figure= is missing"),
+        (["<files>", "json=<folder>"], "cannot be written: Is a directory"),
     ],
 )
-def test_mistakes_are_one_message(arguments, said, capsys):
+def test_mistakes_are_one_message(arguments, said, files, tmp_path, capsys):
+    given = [word.replace("<folder>", str(tmp_path)) for word in arguments]
+    given = [*files, *given[1:]] if given[:1] == ["<files>"] else given
     with pytest.raises(SystemExit) as ended:
-        run("trajectory", arguments)
+        run("trajectory", given)
     assert ended.value.code == 2
     assert said in capsys.readouterr().err

@@ -132,17 +132,20 @@ def test_a_model_without_a_network_says_so(tmp_path):
         exportable({KEY: {"task": "localization"}}, tmp_path)
 
 
-def test_a_file_that_answers_otherwise_is_taken_back(places, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("off", "said"), [(1e-3, r"by 0\.001"), (float("nan"), "by inf")])
+def test_a_file_that_answers_otherwise_is_deleted_and_an_earlier_one_is_not(off, said, places, tmp_path, monkeypatch):
     right = export_formats._torch_export
 
     def wrong(program, path):
         answer = right(program, path)
-        return lambda inputs: [each + 1e-3 for each in answer(inputs)]
+        return lambda inputs: [each + off for each in answer(inputs)]
 
     monkeypatch.setattr(export_formats, "_torch_export", wrong)
-    with pytest.raises(UserError, match=r"answers otherwise than the original: by 0\.001"):
+    earlier = tmp_path / "network.pt2"
+    earlier.write_text("earlier")
+    with pytest.raises(UserError, match=f"answers otherwise than the original: {said}"):
         export_run(str(places), "torch_export", tmp_path)
-    assert list(tmp_path.iterdir()) == []
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("network.pt2", "earlier")]
 
 
 def test_the_command_says_where_everything_is(digits, outputs, capsys):

@@ -143,7 +143,7 @@ def test_what_answers_no_photos_says_so(tmp_path):
 
 
 def test_a_bad_name_is_reported(outputs, places):
-    with pytest.raises(UserError, match="the tracking store cannot be used"):
+    with pytest.raises(UserError, match=r"name=a/b:c must be of letters, digits"):
         register_run(str(places), "a/b:c", outputs)
 
 

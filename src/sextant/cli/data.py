@@ -27,7 +27,6 @@ sextant data render dataset=<name> [dataset.<key>=<value> ...] [threads=2] [shar
 {DESCRIBE}
 sextant data verify <store or its folder> [repair=true]
 sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"""
-LINE_S = 5.0
 SHOWN_DAMAGES = 50
 
 

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
+from sextant.errors import UserError
 from sextant.tracking.environment import quiet_libraries
 
 USAGE = "sextant register run=<run> name=<name>"
@@ -18,7 +19,7 @@ class RegisterOptions(Options):
     run: str
     """an MLflow run id, a run directory or its name, or a checkpoint"""
     name: str
-    """of the model; a run registered under a name that is there is its newest version"""
+    """of the model; registering an existing name adds a version"""
     outputs: UserPath | None = None
     """output folder of runs, if not the default"""
     tracking: Literal["sqlite", "server"] = Field("sqlite", examples=["server"])
@@ -31,6 +32,8 @@ def main(arguments: Sequence[str]) -> None:
     """Register the run, and say how it is served."""
     quiet_libraries()
     chosen = RegisterOptions.parse(arguments, USAGE)
+    if (chosen.tracking == "server") != (chosen.uri is not None):
+        raise UserError("tracking=server and tracking.uri= go together", "Give both, or neither: the embedded store.")
     from sextant.lifecycle.registering import register_run
 
     with console.status("registering the run"):

@@ -14,6 +14,7 @@ from sextant.errors import UserError
 USAGE = (
     "sextant trajectory <reference> <estimate> [max_gap_s=0.01] [figure=plan.png] [alignment=rigid] [json=errors.json]"
 )
+PICTURES = (".png", ".svg", ".pdf")
 
 
 class TrajectoryOptions(Options):
@@ -35,6 +36,10 @@ def main(arguments: Sequence[str]) -> None:
     options = TrajectoryOptions.parse([argument for argument in arguments if argument not in files], USAGE)
     if len(files) != 2:
         raise UserError(f"trajectory needs two files, got {len(files)}", USAGE)
+    if options.figure is None and "alignment" in options.model_fields_set:
+        raise UserError(f"alignment={options.alignment} is of the picture, and figure= is missing", USAGE)
+    if options.figure is not None and options.figure.suffix not in PICTURES:
+        raise UserError(f"figure={options.figure} must end in {', '.join(PICTURES)}", "For example figure=plan.png")
 
     from sextant.applications.localization.trajectories import compare_trajectories
     from sextant.atomic_files import write_json
@@ -45,23 +50,22 @@ def main(arguments: Sequence[str]) -> None:
         f"{found.length_m:,.1f} m"
     )
     table = Table("error", "", "rmse", "mean", "median", "max")
-    rows = [(f"APE, alignment {name}", "m", each) for name, each in found.absolute_m.items()]
-    rows += [(f"APE, alignment {name}", "deg", each) for name, each in found.absolute_deg.items()]
-    relative = (("m", found.relative_m), ("deg", found.relative_deg))
-    rows += [("RPE, frame to frame", unit, each) for unit, each in relative if each]
-    for name, unit, each in rows:
+    for name, unit, each in found.statistics():
         table.add_row(name, unit, *(f"{value:.4g}" for value in (each.rmse, each.mean, each.median, each.max)))
     console.print(table)
     if found.segments:
         shown, turned = found.segments.translation_percent, found.segments.rotation_deg_per_100m
         told = f"t_rel {shown:.3g} %, r_rel {turned:.3g} deg/100 m"
         console.print(f"KITTI: {told} ({found.segments.segments:,} segments of 100 to 800 m)")
-    if options.json_file:
-        write_json(options.json_file, found.facts())
-    if options.figure:
-        from sextant.figures.localization.trajectory_plan import trajectory_plan
-        from sextant.figures.style import save_figure
+    try:
+        if options.json_file:
+            write_json(options.json_file, found.facts())
+        if options.figure:
+            from sextant.figures.localization.trajectory_plan import trajectory_plan
+            from sextant.figures.style import save_figure
 
-        path = Path(options.figure)
-        figure = trajectory_plan(found.reference[:, :3, 3], found.aligned(options.alignment)[:, :3, 3])
-        save_figure(figure, path.parent, path.stem, (path.suffix[1:] or "png",))
+            path = Path(options.figure)
+            figure = trajectory_plan(found.reference[:, :3, 3], found.aligned(options.alignment)[:, :3, 3])
+            save_figure(figure, path.parent, path.stem, (path.suffix[1:],))
+    except OSError as error:
+        raise UserError(f"{error.filename or options.json_file} cannot be written: {error.strerror}") from None

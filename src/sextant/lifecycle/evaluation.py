@@ -8,7 +8,7 @@ from typing import Any
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import groups
 from sextant.composing.overrides import parse
-from sextant.config import Config, digest, nearest
+from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
 from sextant.errors import UserError
 from sextant.lifecycle.checks import require_device
@@ -100,11 +100,20 @@ def merge(trained: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any
     merged["reuse"] = "exact"
     for override in parsed:
         if override.place not in chosen:
-            _set(merged, override.key, override.value, override.text)
+            _set(merged, override.key, override.value, override.text, later=_later(trained, override.key))
     return merged
 
 
-def _set(config: dict[str, Any], key: str, value: Any, text: str) -> None:
+def _later(trained: Mapping[str, Any], key: str) -> bool:
+    """Whether a key was added to its node after some runs had been made."""
+    *parents, last = key.split(".")
+    node: Any = validate(trained)
+    for part in parents:
+        node = getattr(node, part, None)
+    return last in getattr(node, "later", ())
+
+
+def _set(config: dict[str, Any], key: str, value: Any, text: str, *, later: bool) -> None:
     node: Any = config
     *parents, last = key.split(".")
     for part in parents:
@@ -112,7 +121,7 @@ def _set(config: dict[str, Any], key: str, value: Any, text: str) -> None:
             raise UserError(f"{text}: unknown key", f"Keys there: {', '.join(node) if isinstance(node, dict) else ''}")
         node[part] = dict(node[part]) if isinstance(node[part], dict) else node[part]
         node = node[part]
-    if not isinstance(node, dict) or last not in node:
+    if not isinstance(node, dict) or (last not in node and not later):
         near = nearest(last, node)
         prefix = ".".join([*parents, ""])
         raise UserError(f"{text}: unknown key", f"Did you mean {prefix}{near}={value}?" if near else "")

@@ -11,6 +11,7 @@ from sextant.runs.checkpoint import KEY
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 from sextant.trained.content import read_trained
+from sextant.zoo.files import card_of
 
 CARD = "model_card.md"
 
@@ -67,6 +68,9 @@ def export_run(
         f"`{FILES[form]}` is the network of `{task}/{name}`, written by `sextant export run={run} format={form}`. "
         f"On noise it answers as the original does, to {parity:.1g} of the largest output."
     )
-    text = model_card(f"{task}: {name}", list(network.meanings.items()), content[KEY], found.directory, outputs, [note])
+    card = card_of(found.checkpoint)
+    text = model_card(
+        f"{task}: {name}", list(network.meanings.items()), content[KEY], found.directory, outputs, [note], card
+    )
     write_atomically(folder / CARD, lambda file: file.write(text.encode()))
     return ExportedRun(folder / FILES[form], folder / CARD, parity)

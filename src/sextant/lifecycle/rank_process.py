@@ -19,7 +19,7 @@ def main(given: Mapping[str, Any]) -> None:
     """Train with the process that sent what is ``given``."""
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     quiet_libraries()
-    config, rank = validate(given["config"]), Rank(given["rank"], given["port"])
+    config, rank = validate(given["config"]), Rank(given["rank"], given["meeting"])
     recipe = recipe_of(config.task.name)
     directory = RunDirectory(Path(given["directory"]))
     fit(config, recipe, recipe.source(config), directory, RunKey(**given["key"]), resume=given["resume"], rank=rank)

@@ -1,6 +1,7 @@
 """One run in several processes of this machine: this one, which holds its lock and writes, and those it starts."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import IO
 
 import torch
@@ -19,6 +21,7 @@ from sextant.config import Config
 from sextant.errors import UserError
 from sextant.runs.directory import RunDirectory, RunKey
 
+LOOPBACK = "lo"
 ENDS_S = 60.0  # how long another process may take to end after the last step
 DIES_S = 5.0  # and to be seen to have died once it is not heard of any more
 PROGRAM = "import json, sys; given = json.loads(sys.stdin.readline()); sys.path[:] = given['path']; "
@@ -30,27 +33,18 @@ class Rank(LightningEnvironment):
 
     Args:
         number: of this process; 0 is the one that writes.
-        port: on this machine.
+        meeting: a file that is not there yet, in a folder of the user's alone. A port would be open to every process of
+            the machine, and to others.
     """
 
-    def __init__(self, number: int, port: int):
+    def __init__(self, number: int, meeting: str):
         super().__init__()
-        self.number, self.port = number, port
+        self.number, self.meeting = number, meeting
 
     @property
     def creates_processes_externally(self) -> bool:
         """Lightning would start the command line anew, which would wait for the lock of its own run."""
         return True
-
-    @property
-    def main_address(self) -> str:
-        """This machine."""
-        return "127.0.0.1"
-
-    @property
-    def main_port(self) -> int:
-        """Where the first process listens."""
-        return self.port
 
     def local_rank(self) -> int:
         """The number, as all processes are on this machine."""
@@ -62,6 +56,22 @@ class Processes(DDPStrategy):
 
     def _configure_launcher(self) -> None:
         pass
+
+    def setup_environment(self) -> None:
+        """Meet the other processes; gradients go over the loopback interface."""
+        rank = self.cluster_environment
+        assert isinstance(rank, Rank)
+        assert self.parallel_devices is not None
+        for name in ("GLOO_SOCKET_IFNAME", "NCCL_SOCKET_IFNAME"):
+            if any(interface == LOOPBACK for _, interface in socket.if_nameindex()):
+                os.environ.setdefault(name, LOOPBACK)
+        torch.distributed.init_process_group(
+            self._get_process_group_backend(),
+            init_method=f"file://{rank.meeting}",
+            rank=rank.number,
+            world_size=len(self.parallel_devices),
+        )
+        super().setup_environment()  # which finds the group
 
 
 @dataclass(frozen=True)
@@ -108,11 +118,12 @@ def ranks(config: Config, directory: RunDirectory, key: RunKey, *, resume: bool)
     if config.trainer.devices == 1:
         yield None
         return
-    rank = Rank(0, _free_port())
+    folder = tempfile.TemporaryDirectory()  # of this user alone
+    rank = Rank(0, str(Path(folder.name) / "meeting"))
     given = {"config": config.plain, "directory": str(directory.path), "key": asdict(key), "resume": resume}
     others: list[_Other] = []
     try:
-        others += (_start(n, {**given, "port": rank.port}) for n in range(1, config.trainer.devices))
+        others += (_start(n, {**given, "meeting": rank.meeting}) for n in range(1, config.trainer.devices))
         yield rank
         _require_well(others, ENDS_S)
     except RuntimeError:  # that of torch: the connection to another one was lost
@@ -123,6 +134,7 @@ def ranks(config: Config, directory: RunDirectory, key: RunKey, *, resume: bool)
             torch.distributed.destroy_process_group()
         for other in others:
             other.end()
+        folder.cleanup()
 
 
 def _require_well(others: Sequence[_Other], within_s: float) -> None:
@@ -145,9 +157,3 @@ def _start(number: int, given: dict[str, object]) -> _Other:
     process.stdin.write(json.dumps({**given, "rank": number, "path": sys.path}) + "\n")
     process.stdin.flush()  # and stays open: that it closes is how the other one notices the end of this process
     return _Other(number, process, errors)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -1,6 +1,7 @@
 """Making a trained run a model of MLflow's registry."""
 
 import io
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from PIL import Image
 
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.recipes.photo_predictors import ERROR, photo_predictor
 from sextant.reports.model_card import model_card
 from sextant.runs.checkpoint import KEY
@@ -18,6 +19,10 @@ from sextant.tracking.mirror import known_run
 from sextant.tracking.registry import IMAGE, Registration, answered, register_model
 from sextant.tracking.store import Kind, open_store, telling_store_errors
 from sextant.trained.content import read_trained
+from sextant.zoo.files import card_of
+
+#: what a model may be called: it is a part of addresses and paths
+NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,8 @@ def register_run(
     Example:
         >>> register_run("1a2b3c4d-s0", "digits").version  # doctest: +SKIP
     """
+    if not re.fullmatch(NAME, name):
+        raise ArgumentError(f"name={name} must be of letters, digits, dots, hyphens and underscores", "name=digits")
     outputs = outputs or default_outputs()
     found = resolve_run(run, outputs)
     predictor, about = photo_predictor(found.checkpoint), read_trained(found.checkpoint)[KEY]
@@ -63,7 +70,8 @@ def register_run(
     note = f"`{name}` is the model of `{about['task']}/{run}`, written by `sextant register run={run} name={name}`."
     with TemporaryDirectory() as folder, telling_store_errors(uri):
         card = Path(folder) / "model_card.md"
-        card.write_text(model_card(name, uses, about, found.directory, outputs, [note]), encoding="utf-8")
+        known = card_of(found.checkpoint)
+        card.write_text(model_card(name, uses, about, found.directory, outputs, [note], known), encoding="utf-8")
         store = open_store(kind, uri, outputs)
         run_id = None if found.directory is None else known_run(store, found.directory.tracking_ids())
         code = Path(__file__).with_name("served_code.py")

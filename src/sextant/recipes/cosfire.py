@@ -32,7 +32,6 @@ class CosfireRecipe(Recipe):
 
     evaluation_example = "dataset=mnist"
     monitor = ("val/accuracy", "max")
-    alone = "configures filters from a few images, which one process does"
     sweep_example = "seed=0,1,2 bank=gabor,vectors"
     uncorrupted = "images as they are"
     alone = "configures filters from a few images, which one process does"

@@ -39,23 +39,26 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
     """
     shapes = {name: {0: torch.export.Dim.DYNAMIC} for name in found.inputs}
     path.parent.mkdir(parents=True, exist_ok=True)
+    written = path.with_name(f".{path.name}.tmp")  # an earlier file stays until this one has been compared
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # exporters warn of what they are themselves made of
         try:
             program = torch.export.export(found.network, (), dict(found.inputs), dynamic_shapes=shapes)
-            answer = _onnx(program, found, path, shapes) if form == "onnx" else _torch_export(program, path)
-        except (RuntimeError, AssertionError) as error:
+            answer = _onnx(program, found, written, shapes) if form == "onnx" else _torch_export(program, written)
+            parity = max(_difference(found, answer, batch) for batch in BATCHES)
+        except Exception as error:  # exporters and ONNX Runtime have errors of every kind
+            written.unlink(missing_ok=True)
             raise UserError(
                 f"this network cannot be exported as {form}: {str(error).strip().splitlines()[0]}",
                 "Its code asks for the values of its input, or uses operations that the format lacks.",
             ) from error
-        parity = max(_difference(found, answer, batch) for batch in BATCHES)
     if not parity <= TOLERANCE:
-        path.unlink()
+        written.unlink()
         raise UserError(
             f"the exported network answers otherwise than the original: by {parity:.2g} of the largest output",
-            f"More than {TOLERANCE:g} is refused; the file was taken back.",
+            f"More than {TOLERANCE:g} is refused; the file is deleted.",
         )
+    written.replace(path)
     return parity
 
 
@@ -116,7 +119,9 @@ def _difference(found: Exportable, answer: Answer, batch: int) -> float:
         if ours.shape != theirs.shape:
             return float("inf")
         apart = torch.where(ours == theirs, 0.0, (ours - theirs).abs())  # infinities too
-        worst = max(worst, float(apart.max() / ours[ours.isfinite()].abs().max().clamp(min=1.0)))
+        if not apart.isfinite().all():  # max would pass over nan
+            return float("inf")
+        worst = max(worst, float(apart.max() / torch.where(ours.isfinite(), ours, 0.0).abs().max().clamp(min=1.0)))
     return worst
 
 

@@ -107,6 +107,11 @@ def _camera(content: Content, checkpoint: Path, trust: bool) -> Exportable:
     from sextant.trained.camera_network import trained_camera_network
 
     spec = content[KEY]["spec"]
+    if spec.get("canvas"):
+        raise UserError(
+            "this network sees photos on a square canvas, by sums over what each photo covers: it cannot be exported",
+            "Use it from Python: sextant.PhotoCalibrator.load(<run>).",
+        )
     network = CameraHead(trained_camera_network(content, checkpoint, trust=trust))
     meanings = {
         "images": f"{_told(spec, 3)}, the whole photo squashed to this size",

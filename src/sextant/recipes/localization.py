@@ -38,12 +38,13 @@ class LocalizationRecipe(Recipe):
     sweep_example = "seed=0,1,2 recovery=none,bayes_restart"
     prediction_example = "input=<folder of photos> odometry=<table>"
     uncorrupted = "drives as they are, under fault and faults"
-    alone = "learns a few hyper-parameters of a Gaussian process, in one process"
     test_settings = ("starts", "horizon", "every", "particle_counts", "replay", "save_map", "odometry_scale")
 
     def identity(self, config: Config) -> dict[str, Any]:
         """With the identity of the descriptor."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
+        if _is_laser(config):
+            found["filter"].pop("support", None)  # that of a map of images
         return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
 
     def source(self, config: Config) -> "LocalizationSource":

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ LICENCE = (
     "The code is Sextant's (MIT). The weights carry no licence of their own: they are whoever's trained them, on the "
     "data above and under its terms."
 )
+NO_CARD: Mapping[str, Any] = MappingProxyType({})
 #: of the config: what a reader looks for first
 PARTS = ("dataset", "backbone", "inhibition", "loss", "pooling", "parameterization", "bank", "strategy", "corruption")
 
@@ -26,6 +28,7 @@ def model_card(
     run: RunDirectory | None,
     outputs: Path,
     notes: Sequence[str] = (),
+    card: Mapping[str, Any] = NO_CARD,
 ) -> str:
     """A model card, as Markdown.
 
@@ -36,6 +39,7 @@ def model_card(
         run: its directory, which knows data, metrics and versions; None for a checkpoint that lies elsewhere.
         outputs: folder of runs; other seeds of the same config are what intervals rest on.
         notes: to be said first.
+        card: of a model that comes with the package, which has no run.
     """
     state = {} if run is None else run.state()
     raw = content["config"]
@@ -55,8 +59,8 @@ def model_card(
         "## Training\n",
         TextTable(["", ""], [[name, str(value)] for name, value in facts.items()]).markdown(),
         "## Metrics\n",
-        *_metrics(run, state, outputs),
-        f"## Licence\n\n{LICENCE}\n",
+        *_metrics(run, state, outputs, card),
+        f"## Licence\n\n{card.get('licence', LICENCE)}\n",
     ]
     return "\n".join(parts)
 
@@ -71,9 +75,14 @@ def _origin(state: Mapping[str, Any]) -> dict[str, str]:
     return {name: text for name, text in found.items() if text}
 
 
-def _metrics(run: RunDirectory | None, state: Mapping[str, Any], outputs: Path) -> list[str]:
+def _metrics(run: RunDirectory | None, state: Mapping[str, Any], outputs: Path, card: Mapping[str, Any]) -> list[str]:
     own = {} if run is None else (run.results() or {}).get("metrics") or {}
     own = {name: value for name, value in own.items() if isinstance(value, int | float)}
+    if not own and card:
+        found = card["metrics"]
+        sets = found["sets left out whole"]
+        table = TextTable(list(sets[0]), [list(each.values()) for each in sets])
+        return [f"`{found['command']}`: {found['unit']}.\n", table.markdown()]
     if not own:
         return ["Not known: the checkpoint lies outside of its run, or was not tested.\n"]
     alike = metrics_alike(state, outputs)

@@ -135,11 +135,16 @@ def _signature(row: Mapping[str, Any]) -> "ModelSignature":
 def _at(store: Store, experiment: str) -> Iterator[None]:
     """MLflow's functions that know no store use this one meanwhile."""
     import mlflow
+    from mlflow.tracking import fluent
 
     before = os.environ.get("MLFLOW_TRACKING_URI")  # where MLflow keeps what it was set to
+    experiment_before = fluent._active_experiment_id, os.environ.get("MLFLOW_EXPERIMENT_ID")
     mlflow.set_tracking_uri(store.uri)  # the registry follows
     mlflow.set_experiment(experiment_id=store.experiment_id(experiment))
     try:
         yield
     finally:
         mlflow.set_tracking_uri(before)  # type: ignore[arg-type]  # None forgets it
+        fluent._active_experiment_id, number = experiment_before
+        os.environ.pop("MLFLOW_EXPERIMENT_ID", None)
+        os.environ |= {} if number is None else {"MLFLOW_EXPERIMENT_ID": number}

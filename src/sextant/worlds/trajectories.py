@@ -101,6 +101,7 @@ def _as_poses(rows: Float[ndarray, "n 12"], path: Path | str) -> Float[ndarray, 
     poses[:, :3] = rows.reshape(-1, 3, 4)
     rotation = poses[:, :3, :3]
     off = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    off = np.maximum(off, 1 - np.linalg.det(rotation))  # 2 of a mirror image
     if (off > ROTATION_TOLERANCE).any():
         raise UserError(
             f"{path}, pose {int(np.argmax(off)) + 1}: its 3x3 part is not a rotation (off by {off.max():.2g})"

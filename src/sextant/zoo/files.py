@@ -17,6 +17,7 @@ FOLDER = Path(__file__).parent
 WEIGHTS, CARD = ".safetensors", ".json"
 #: of a card: what builds the network and what belongs to it, as in a checkpoint
 MODEL = "model"
+NEEDED = {"task", "config", "spec"}
 REINSTALL = "Install Sextant again: pip install --force-reinstall --no-deps sextant"
 
 
@@ -54,13 +55,18 @@ def read_card(path: Path) -> dict[str, Any]:
     card = path.with_suffix(CARD)
     try:
         found = json.loads(card.read_text(encoding="utf-8"))
-        if isinstance(found, dict) and isinstance(found.get("sha256"), str) and isinstance(found.get(MODEL), dict):
+        if isinstance(found, dict) and isinstance(found.get("sha256"), str) and set(found.get(MODEL) or ()) >= NEEDED:
             return found
     except FileNotFoundError:
         raise UserError(f"{path} has no card beside it, {card.name}, which says how it is built", REINSTALL) from None
     except (OSError, ValueError):
         pass
     raise UserError(f"{card} is damaged: it is no card of a model", REINSTALL)
+
+
+def card_of(checkpoint: Path) -> dict[str, Any]:
+    """The card of a model of the zoo; empty for any other checkpoint."""
+    return read_card(checkpoint) if checkpoint.suffix == WEIGHTS else {}
 
 
 def read_model(path: Path) -> tuple[dict[str, Any], "dict[str, Tensor]"]:
@@ -118,6 +124,6 @@ def write_model(
 
 
 def _halved(tensor: "Tensor") -> "Tensor":
-    """Weights of convolutions and linear layers in half precision; what is small and exact stays as it is."""
+    """What has two dimensions or more in half precision; vectors, such as biases and statistics, as they are."""
     fits = tensor.is_floating_point() and tensor.ndim > 1 and bool((tensor.abs() < 6e4).all())
     return (tensor.half() if fits else tensor).contiguous()

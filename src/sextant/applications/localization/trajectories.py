@@ -79,6 +79,13 @@ class TrajectoryComparison:
             return self.estimate
         return align(self.reference, self.estimate, scaled=alignment == "similarity")
 
+    def statistics(self) -> list[tuple[str, str, ErrorStatistics]]:
+        """All statistics, each with its name and unit."""
+        rows = [(f"APE, alignment {name}", "m", each) for name, each in self.absolute_m.items()]
+        rows += [(f"APE, alignment {name}", "deg", each) for name, each in self.absolute_deg.items()]
+        relative = (("m", self.relative_m), ("deg", self.relative_deg))
+        return rows + [("RPE, frame to frame", unit, each) for unit, each in relative if each]
+
     def facts(self) -> dict[str, Any]:
         """All but the poses, as plain values."""
         return {

@@ -54,9 +54,14 @@ class _Pool:
     def run(self, cell: CellTask) -> dict[str, Any]:
         """In a process that has nothing else to do."""
         for _ in range(ATTEMPTS):
-            executor = self.idle.pop() if self.idle else self._executor()
+            try:
+                executor = self.idle.pop()  # another thread may take the last
+            except IndexError:
+                executor = self._executor()
             self.busy.append(executor)
             try:
+                if self.killed:  # too late to be among those that are
+                    raise KeyboardInterrupt
                 outcome: dict[str, Any] = executor.submit(_in_worker, cell.words, self.runs).result()
             except BrokenProcessPool as error:
                 if self.killed:

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import html
 import json
+import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 #: what is drawn in the place of a picture, by the picture's name without its folder and suffix
 Charts = Mapping[str, Sequence[Spec]]
 
+#: the only markup that a text may hold: where links within the page lead to
+ANCHOR = r'<a name="[\w-]+">|</a>'
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
 HINT = (
     "Headings sort a table. In a chart the pointer shows the numbers, a click on the legend shows one kind alone, "
@@ -45,7 +48,10 @@ def html_page(title: str, text: str, charts: Charts, pictures: Path | None = Non
     body = _body(text, charts, pictures, data)
     scripts = [vega(), _own("page.js")]
     allowed = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
-    policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
+    policy = (
+        f"default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src {allowed}"
+    )
     return "\n".join(
         [
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
@@ -82,6 +88,12 @@ def _body(text: str, charts: Charts, pictures: Path | None, data: list[str]) -> 
         name = Path(str(found[number].attrs["src"]))
         return _picture(name, found[number].content, charts.get(name.stem), pictures, data)
 
+    def markup(self: object, found: "Sequence[Token]", number: int, options: object, env: object) -> str:
+        content = found[number].content
+        return content if re.fullmatch(ANCHOR, content) else html.escape(content)
+
+    parser.add_render_rule("html_inline", markup)
+    parser.add_render_rule("html_block", markup)
     parser.add_render_rule("image", image)
     parser.add_render_rule("table_open", lambda *_: '<div class="table"><table>\n')
     parser.add_render_rule("table_close", lambda *_: "</table></div>\n")

@@ -1,5 +1,5 @@
 // Tables are sorted by a click on a heading: numbers by what they begin with, other text by the alphabet, nothing last.
-const NUMBER = /^[<±]?\s*([+-]?[\d,]*\.?\d+(?:e[+-]?\d+)?)/i;
+const NUMBER = /^[[<±]?\s*([+-]?[\d,]*\.?\d+(?:e[+-]?\d+)?)/i;
 
 function value(row, column) {
   const text = row.cells[column].textContent.trim().replace("−", "-");
