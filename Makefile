@@ -9,6 +9,8 @@ READY  := $(VENV)/.ready$(subst /,-,$(CURDIR))# a moved checkout needs its envir
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
+setup: $(READY) ## install everything into .venv
+
 run: $(READY) ## train and test the main job: calibration on panoramas of a town that is rendered first, no download
 	$(BIN)/python train.py task=calibration
 
@@ -62,4 +64,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check lock clean
+.PHONY: help setup run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check lock clean

@@ -63,7 +63,7 @@ NOT_RUN = {
     r"^python evaluate\.py .*(dataset|checkpoint|off_the_shelf|cifar10)": "needs data and a run of it; tests/cli",
     r"^python train\.py trainer\.devices=2": "as tests/lifecycle/test_several_processes.py",
     r"^sextant evaluate run=zoo:": "needs panoramas; tests/zoo",
-    r"^python predict\.py input=": "calibrates photos of one's own; tests/cli/photo_calibration",
+    r"^(\.venv/bin/)?python predict\.py input=": "calibrates photos of one's own; tests/cli/photo_calibration",
     r"^sextant benchmark": "needs photos of known cameras; of drawn ones in tests/cli/test_benchmark.py",
     r"^python predict\.py run=": "needs a trained run of its task; smaller in tests/cli",
     r"^python report\.py sweep=<name>": "as the reports of tests/system/test_sweep.py",
@@ -77,7 +77,7 @@ NOT_RUN = {
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
     r"^sextant trajectory": "needs two trajectories; tests/cli/test_trajectory.py runs it on files of that kind",
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",
-    r"^make (run|test|lint|lock|worlds-gallery|gpu-check)": "installs, or takes minutes",
+    r"^make (setup|run|test|lint|lock|worlds-gallery|gpu-check)": "installs, or takes minutes",
     r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",
     r"^source ": "an environment of the user's own",
 }
