@@ -30,7 +30,10 @@ def time_limit(longest_s=LONGEST_S):
 
 
 def end_workers():
-    """End the workers that joblib keeps for five minutes: their time would count in the test during which they end."""
+    """End the workers that wait five minutes for more work: their time would count in the test during which they end."""
     loky = sys.modules.get("joblib.externals.loky.reusable_executor")
     if loky is not None and loky._executor is not None:
         loky._executor.shutdown(wait=True)
+    ours = sys.modules.get("sextant.lifecycle.launchers.processes")
+    if ours is not None:
+        ours.end_idle()

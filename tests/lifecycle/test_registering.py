@@ -157,6 +157,8 @@ def test_a_served_model_answers_a_hundred_requests(outputs, places, monkeypatch)
     monkeypatch.setenv(
         "PYTHONPATH", os.pathsep.join([str(Path(sextant.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     )
+    bin_folder = str(Path(sys.executable).parent)  # as if the environment were activated: MLflow calls uvicorn
+    monkeypatch.setenv("PATH", os.pathsep.join([bin_folder, os.environ["PATH"]]))
     command = [sys.executable, "-m", "mlflow", "models", "serve", "-m", "models:/served/1", "--env-manager", "local"]
     wanted = answered(photo_predictor(places), [photo(number) for number in range(REQUESTS)])
     with guarded([*command, "--host", "127.0.0.1", "--port", str(port)]) as server:

@@ -42,6 +42,13 @@ def run_in_processes(cells: Cells, workers: int | None, runs: RunReporter) -> Ou
             raise
 
 
+def end_idle() -> None:
+    """End the processes that wait for another run."""
+    for executors in _idle.values():
+        while executors:
+            executors.pop().shutdown(wait=True)
+
+
 class _Pool:
     """Executors of one process each, so that a dead process tells which run it had."""
 
