@@ -30,7 +30,7 @@ def time_limit(longest_s=LONGEST_S):
 
 
 def end_workers():
-    """End the workers that wait five minutes for more work: their time would count in the test during which they end."""
+    """End the workers that wait for more work: their time would count in the test during which they end."""
     loky = sys.modules.get("joblib.externals.loky.reusable_executor")
     if loky is not None and loky._executor is not None:
         loky._executor.shutdown(wait=True)
