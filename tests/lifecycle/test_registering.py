@@ -66,6 +66,7 @@ def table(photos):
     return pd.DataFrame({"image": photos})
 
 
+@pytest.mark.slow
 def test_a_registered_run_answers_as_the_run_does(outputs, places, capsys):
     cli.run("register", [f"run={places}", "name=places", f"outputs={outputs}"])
     assert "models:/places/1" in capsys.readouterr().out
