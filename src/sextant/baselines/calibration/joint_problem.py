@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 from numpy import ndarray
-from scipy.optimize import least_squares
 
 from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import segment_lengths
@@ -24,8 +23,6 @@ from sextant.baselines.calibration.manhattan import (
     EFFECTIVE_SEGMENTS,
     END_NOISE,
     FIRST_ROUND,
-    HIGH,
-    LOW,
     THRESHOLD,
     WORLD_NOISE,
     camera_axes,
@@ -33,13 +30,13 @@ from sextant.baselines.calibration.manhattan import (
     sines_to,
     straightened,
 )
+from sextant.baselines.calibration.robust_fit import HIGH, LOW, RobustFit
 from sextant.baselines.calibration.terms import StraightChains, Term
 
 #: what a segment that fits no axis costs: as much as one at the threshold
 OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
 #: ends of the shares of explained length between which segments come to count, and the least that they do
 NO_FRAME, FRAME, LEAST = 0.1, 0.75, 0.05
-DIFFERENCE = 1e-6
 TILT, ROLL, HEADING, LOG_FOCAL, K1_HAT = range(5)
 
 
@@ -139,43 +136,22 @@ class JointProblem:
         return Mode(vector, stack.covariance(vector), cost, inliers)
 
 
-class _Stack:
-    """Terms one after the other, over the ``free`` ones of the five numbers."""
+class _Stack(RobustFit):
+    """Terms one after the other."""
+
+    tolerance, evaluations = 1e-5, 15
 
     def __init__(self, terms: Sequence[Term], free: Int[ndarray, "k"], fixed: Float64[ndarray, "5"]):
-        self.terms, self.free, self.fixed = terms, free, fixed
+        super().__init__(free, fixed)
+        self.terms = terms
         self.ends = np.cumsum([0, *(term.residuals(fixed[None]).shape[1] for term in terms)])
 
-    def residuals(self, free: Float64[ndarray, "b k"]) -> Float64[ndarray, "b m"]:
-        vectors = np.repeat(self.fixed[None], len(free), axis=0)
-        vectors[:, self.free] = free
+    def residuals_of(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b m"]:
         return np.concatenate([term.residuals(vectors) for term in self.terms], axis=1)
-
-    def jacobian(self, free: Float64[ndarray, "k"]) -> Float64[ndarray, "m k"]:
-        step = DIFFERENCE * np.eye(len(free))
-        plus, minus = np.split(self.residuals(np.concatenate([free + step, free - step])), 2)
-        return np.asarray((plus - minus).T / (2 * DIFFERENCE))
 
     def loss(self, squares: Float64[ndarray, "m"]) -> Float64[ndarray, "3 m"]:
         parts = zip(self.terms, self.ends[:-1], self.ends[1:], strict=True)
         return np.concatenate([term.loss(squares[first:last]) for term, first, last in parts], axis=-1)
-
-    def solve(self, start: Float64[ndarray, "5"]) -> Float64[ndarray, "5"]:
-        solution = least_squares(
-            lambda free: self.residuals(free[None])[0],
-            start[self.free],
-            self.jacobian,
-            bounds=(LOW[self.free], HIGH[self.free]),
-            loss=self.loss,
-            x_scale=0.1,
-            ftol=1e-5,
-            xtol=1e-5,
-            gtol=1e-5,
-            max_nfev=15,
-        )
-        vector = start.copy()
-        vector[self.free] = solution.x
-        return vector
 
     def cost(self, vector: Float64[ndarray, "5"]) -> float:
         return float(0.5 * self.loss(np.square(self.residuals(vector[None, self.free])[0]))[0].sum())

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
-from scipy.optimize import least_squares
 
 from sextant.baselines.calibration.estimate import CameraPrior
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.line_segments import segment_lengths
+from sextant.baselines.calibration.robust_fit import HIGH, LOW, RobustFit
 
 #: Standard deviations: of a segment's end across it, in image heights; of a world's edge from its axis, in radians.
 END_NOISE, WORLD_NOISE = 0.0012, np.radians(0.4)
@@ -28,12 +28,8 @@ THRESHOLD = np.radians(2.5)
 FIRST_ROUND = (2 * THRESHOLD,)
 #: Segments of one picture repeat each other's errors: beyond this number they count no further.
 EFFECTIVE_SEGMENTS = 25.0
-#: Bounds of tilt, roll, heading, log focal and k1_hat.
-LOW = np.array([-1.5, -np.pi / 4, -np.inf, np.log(0.15), -2.5])
-HIGH = np.array([1.5, np.pi / 4, np.inf, np.log(8.0), 1.0])
 #: Where tilt, roll, log focal and k1_hat stand among the five numbers.
 BELIEFS = np.array([0, 1, 3, 4])
-DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -132,7 +128,7 @@ def fit_manhattan(
     return problem.result(vector, outliers=int((~near).sum()))
 
 
-class _Problem:
+class _Problem(RobustFit):
     """Residuals of segments with known axes and of the prior, over the ``free`` ones of the five numbers."""
 
     def __init__(
@@ -143,24 +139,18 @@ class _Problem:
         free: Int[ndarray, "k"],
         fixed: Float64[ndarray, "5"],
     ):
-        self.segments, self.axis, self.free, self.fixed = segments, axis, free, fixed
+        super().__init__(free, fixed)
+        self.segments, self.axis = segments, axis
         self.mean, self.sigma = prior.vector, np.array(prior.sigma)
         self.noise = np.hypot(WORLD_NOISE, 2 * END_NOISE / segment_lengths(segments))
         self.share = min(1.0, EFFECTIVE_SEGMENTS / max(len(segments), 1))
 
-    def residuals(self, free: Float64[ndarray, "b k"]) -> Float64[ndarray, "b m"]:
-        vectors = np.repeat(self.fixed[None], len(free), axis=0)
-        vectors[:, self.free] = free
+    def residuals_of(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b m"]:
         axes = np.take_along_axis(camera_axes(vectors), self.axis[None, None], axis=2)  # (b, 3, n)
         ends = straightened(vectors, self.segments)
         data = sines_to(axes, np.exp(vectors[:, 3, None]), ends) / self.noise
         belief = (vectors[:, BELIEFS] - self.mean) / self.sigma
         return np.concatenate([data, belief], axis=1)
-
-    def jacobian(self, free: Float64[ndarray, "k"]) -> Float64[ndarray, "m k"]:
-        step = DIFFERENCE * np.eye(len(free))
-        plus, minus = np.split(self.residuals(np.concatenate([free + step, free - step])), 2)
-        return np.asarray((plus - minus).T / (2 * DIFFERENCE))
 
     def loss(self, squares: Float64[ndarray, "m"]) -> Float64[ndarray, "3 m"]:
         """Cauchy for the segments, which share the weight of at most so many; Gaussian for the prior."""
@@ -169,23 +159,6 @@ class _Problem:
         more = 1 + squares[:count]
         rho[:, :count] = self.share * np.stack([np.log(more), 1 / more, -1 / more**2])
         return rho
-
-    def solve(self, start: Float64[ndarray, "5"]) -> Float64[ndarray, "5"]:
-        solution = least_squares(
-            lambda free: self.residuals(free[None])[0],
-            start[self.free],
-            self.jacobian,
-            bounds=(LOW[self.free], HIGH[self.free]),
-            loss=self.loss,
-            x_scale=0.1,
-            ftol=1e-6,
-            xtol=1e-6,
-            gtol=1e-6,
-            max_nfev=20,
-        )
-        vector = self.fixed.copy()
-        vector[self.free] = solution.x
-        return vector
 
     def result(self, vector: Float64[ndarray, "5"], outliers: int) -> ManhattanFit:
         residuals = self.residuals(vector[None, self.free])[0]

@@ -20,13 +20,12 @@ from sextant.baselines.calibration.line_segments import count_long, detect_segme
 from sextant.baselines.calibration.manhattan import (
     BELIEFS,
     FIRST_ROUND,
-    HIGH,
-    LOW,
     ManhattanFit,
     fit_manhattan,
     msac_cost,
 )
 from sextant.baselines.calibration.method import CalibrationBaseline
+from sextant.baselines.calibration.robust_fit import HIGH, LOW
 
 #: Number of hypotheses; of those that are refined; of segments, longest first, that hypotheses are scored on.
 HYPOTHESES, REFINED, SCORED = 500, 3, 120
