@@ -85,6 +85,7 @@ def documented() -> list[Command]:
 def check(command: Command) -> None:
     """Raise a ``UserError`` unless the command is one that could be run, its data and its trained models apart."""
     program, *words = command.words
+    program = program.removeprefix(".venv/bin/")
     if program == "python" and words[0] != "-m":
         program, words = "sextant", [words[0].removesuffix(".py"), *words[1:]]
     words = [each for word in words for each in cli.spelled_out(word)]

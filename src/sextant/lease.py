@@ -92,7 +92,7 @@ class Lease:
             self.lost = self.lost or successor.exists() or self.path.stat().st_mtime == 0
         except FileNotFoundError:  # removed by one of those that came after, unless somebody deleted the whole folder
             self.lost = self.path.parent.is_dir()
-        except OSError:  # the disk is away for now
+        except OSError:  # the disk cannot be reached: what was known before stands
             return self.lost
         return self.lost
 

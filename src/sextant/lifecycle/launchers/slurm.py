@@ -216,7 +216,7 @@ class _Arrays:
         if queued is not None:  # its node died, and SLURM has not noticed yet
             try:
                 cancel([queued.job])
-            except UserError:  # it ended meanwhile, or SLURM is away for now: the next look tells
+            except UserError:  # it ended meanwhile, or SLURM does not answer: the next look decides
                 return False
         return True
 
