@@ -139,7 +139,7 @@ def renew_digests(claims: Claims, stored: Path) -> None:
 def run_claims(
     claims: Claims, preset: Preset, stored: Path, overrides: Sequence[str] = (), reporter: RunReporter = SILENT_RUN
 ) -> Tables:
-    """Run what is missing of the sweeps that claims rest on, and write their reports.
+    """Run what is missing of the sweeps that claims rest on, and write their reports; first say how much that is.
 
     A sweep that this preset does not have, or that lacks its data, is left out, with the reason.
 
@@ -151,16 +151,26 @@ def run_claims(
         reporter: listens to the sweeps.
     """
     from sextant.lifecycle.results import sweep_results
-    from sextant.lifecycle.sweep import run_sweep
+    from sextant.lifecycle.sweep import dry_run, run_sweep
     from sextant.reports.sweep_report import write_report
 
+    wanted: dict[str, list[str]] = {}
+    missing: dict[str, int] = {}
     reports: dict[str, Path] = {}
     left_out: dict[str, str] = {}
     parts = [part for claim in claims.values() for part in _measured(claim, preset)]
     for sweep in dict.fromkeys(part.sweep for part in parts if part.sweep):
         try:
             arguments = sweep_arguments(sweep, [part for part in parts if part.sweep == sweep], preset)
-            directory = run_sweep([*arguments, *overrides], reporter).directory
+            wanted[sweep] = [*arguments, *overrides]
+            missing[sweep] = len(dry_run(wanted[sweep])[0])
+        except UserError as error:
+            left_out[sweep] = str(error).replace("\n", " ")
+    told = ", ".join(f"{sweep} {runs}" for sweep, runs in missing.items())
+    reporter.say(f"{len(missing)} sweeps, {sum(missing.values())} runs missing: {told or 'none'}")
+    for sweep in missing:
+        try:
+            directory = run_sweep(wanted[sweep], reporter).directory
             write_report(sweep_results(directory, directory.parents[1]))
         except UserError as error:
             left_out[sweep] = str(error).replace("\n", " ")
