@@ -53,7 +53,7 @@ def main(arguments: Sequence[str]) -> None:
         quiet_libraries()
         given = {"launcher": options.launcher, "launcher.workers": options.workers}
         overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-        tables = life.run_claims(claims, options.preset, stored, overrides, TERMINAL)
+        tables = life.run_claims(claims, options.preset, stored, overrides, TERMINAL, TERMINAL)
         output, command = default_outputs() / "claims" / options.preset, f"{command} preset={options.preset}"
     decided = life.decide_claims(claims, tables)
     chosen = options.output or (output if options.claim == "all" else None)  # the board in docs is of all

@@ -137,7 +137,12 @@ def renew_digests(claims: Claims, stored: Path) -> None:
 
 
 def run_claims(
-    claims: Claims, preset: Preset, stored: Path, overrides: Sequence[str] = (), reporter: RunReporter = SILENT_RUN
+    claims: Claims,
+    preset: Preset,
+    stored: Path,
+    overrides: Sequence[str] = (),
+    reporter: RunReporter = SILENT_RUN,
+    runs: RunReporter = SILENT_RUN,
 ) -> Tables:
     """Run what is missing of the sweeps that claims rest on, and write their reports; first say how much that is.
 
@@ -149,6 +154,7 @@ def run_claims(
         stored: folder of the stored results.
         overrides: for all sweeps, such as ``launcher=joblib``.
         reporter: listens to the sweeps.
+        runs: listens to their runs, where they run.
     """
     from sextant.lifecycle.results import sweep_results
     from sextant.lifecycle.sweep import dry_run, run_sweep
@@ -170,7 +176,7 @@ def run_claims(
     reporter.say(f"{len(missing)} sweeps, {sum(missing.values())} runs missing: {told or 'none'}")
     for sweep in missing:
         try:
-            directory = run_sweep(wanted[sweep], reporter).directory
+            directory = run_sweep(wanted[sweep], reporter, runs=runs).directory
             write_report(sweep_results(directory, directory.parents[1]))
         except UserError as error:
             left_out[sweep] = str(error).replace("\n", " ")
