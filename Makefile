@@ -52,6 +52,9 @@ bench: $(READY) ## timings against what a user would pick instead, as ratios
 gpu-check: $(READY) ## tests and timings on a CUDA device, at most 8 minutes, written to docs/benchmarks_gpu.md
 	$(BIN)/python -m benchmarks.gpu_check
 
+docs: $(READY) ## docs/ as a site with the API reference: outputs/site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
 lock: $(READY) ## pin every dependency anew in requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --no-emit-index-url --no-header -q -o requirements.lock
 
@@ -66,4 +69,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help setup run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check lock clean
+.PHONY: help setup run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check docs lock clean
