@@ -18,7 +18,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 class TrajectoryOptions(Options):
-    """What the user chose, beside the two files (TUM or KITTI)."""
+    """What the user chose, beside the two files (TUM, KITTI, COLMAP, OpenSfM, nerfstudio)."""
 
     max_gap_s: float = Field(0.01, ge=0)
     """poses of TUM files whose times differ by more are not of one frame"""

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from data.reconstructions.written import colmap_text, nerfstudio
 from scipy.spatial.transform import Rotation
 
 from sextant.applications.localization.trajectories import compare_trajectories
@@ -83,7 +84,7 @@ def test_a_straight_line_has_no_alignment_and_says_so(tmp_path):
         (lambda folder, poses: write_kitti_file(folder / "b.txt", poses[:-1]), "20 poses and .* 19; without times"),
         (
             lambda folder, poses: write_tum_file(folder / "b.txt", np.arange(20.0), poses),
-            "times and the other has none",
+            r"these poses cannot be joined: .*a.txt \(KITTI\) by lines, .*b.txt \(TUM\) by times",
         ),
     ],
 )
@@ -93,6 +94,21 @@ def test_files_that_do_not_go_together(write, said, tmp_path):
     write(tmp_path, poses)
     with pytest.raises(UserError, match=said):
         compare_trajectories(reference, tmp_path / "b.txt")
+
+
+def test_reconstructions_are_joined_by_the_names_of_images(tmp_path):
+    poses, names = poses_along(20), [f"{i}.jpg" for i in range(20)]
+    one = colmap_text(tmp_path / "images.txt", names, poses)
+    other = nerfstudio(tmp_path / "transforms.json", [f"images/{name}" for name in names[5:]], poses[5:])
+    found = compare_trajectories(one, other)
+    assert (len(found.reference), found.reference_frames, found.estimate_frames) == (15, 20, 15)
+    assert found.length_m == pytest.approx(14)
+    assert found.absolute_m["none"].max < 1e-9
+    nothing = nerfstudio(tmp_path / "transforms.json", ["elsewhere.jpg"], poses[:1])
+    with pytest.raises(UserError, match=r"no image is in both files: the first has 0.jpg, the second elsewhere.jpg"):
+        compare_trajectories(one, nothing)
+    with pytest.raises(UserError, match=r"\(colmap\) by names of images, .*\(KITTI\) by lines"):
+        compare_trajectories(one, write_kitti_file(tmp_path / "a.txt", poses))
 
 
 def test_clocks_that_never_meet(tmp_path):

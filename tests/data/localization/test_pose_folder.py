@@ -1,10 +1,12 @@
 """The user's own drives: every format, and every way to get them wrong."""
 
 import copy
+from pathlib import Path
 
 import numpy as np
 import pytest
 from data.places.place_pictures import picture, write_pictures
+from data.reconstructions.written import WRITERS
 
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
@@ -43,6 +45,14 @@ def write(folder, form):
         for file, poses in (("poses", POSES + np.array([0, k / 10, 0])), ("odometry", ODOMETRY)):
             if form == "csv":
                 (folder / drive / f"{file}.csv").write_text(csv(poses))
+            elif form in ("colmap", "opensfm", "nerfstudio"):
+                name, written = WRITERS[form]
+                rows = np.loadtxt(kitti(poses).splitlines()).reshape(-1, 3, 4)
+                spatial = np.tile(np.eye(4), (N, 1, 1))
+                spatial[:, :3] = rows
+                written(
+                    folder / drive / (name if file == "poses" else f"odometry{Path(name).suffix}"), names(), spatial
+                )
             elif form == "kitti":
                 (folder / drive / f"{file}.txt").write_text(kitti(poses))
             else:
@@ -54,6 +64,9 @@ FORMS = {
     "csv": {"poses": "csv", "odometry": "odometry.csv"},
     "kitti": {"poses": "kitti", "odometry": "odometry.txt", "plane": "xz"},
     "tum": {"poses": "tum", "odometry": "odometry.txt", "ahead": "x"},
+    "colmap": {"poses": "colmap", "odometry": "odometry.bin", "plane": "xz"},
+    "opensfm": {"poses": "opensfm", "odometry": "odometry.json", "plane": "xz"},
+    "nerfstudio": {"poses": "nerfstudio", "odometry": "odometry.json", "plane": "xz"},
 }
 
 
@@ -85,6 +98,13 @@ def test_all_formats_tell_the_same(tmp_path, form):
     assert data.map.motion is None
     assert (late.times_s is not None) == (form == "tum")
     assert data.notes == ()
+
+
+def test_images_that_a_reconstruction_has_not_posed_are_named(tmp_path):
+    write(tmp_path, "opensfm")
+    write_pictures(tmp_path / "map", ["unposed.png"])
+    with pytest.raises(UserError, match=r"1 of 9 images have no pose in .*reconstruction.json(.|\n)*unposed.png"):
+        source(tmp_path, "opensfm").read()
 
 
 def test_the_mounting_is_where_the_camera_is_on_the_robot(tmp_path):
@@ -259,7 +279,7 @@ def test_the_fingerprint_follows_contents_and_meaning(tmp_path, form):
     assert source(folder, form, mounting=[1.0, 0.0, 0.0]).fingerprint() != before
     assert as_localization_source(source(folder, form), DriveSettings(validation_share=0.5)).fingerprint() != before
     file = folder / "run" / source(folder, form).pose_file
-    file.write_text(file.read_text() + "\n")
+    file.write_bytes(file.read_bytes() + b"\n")
     assert source(folder, form).fingerprint() != before
 
 

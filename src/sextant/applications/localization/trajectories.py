@@ -2,13 +2,20 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from sextant.data.localization.pose_formats import read_tum_matrices
+from sextant.data.reconstructions import (
+    NAMED_FORMATS,
+    NamedFormat,
+    Reconstruction,
+    named_format,
+    read_reconstruction,
+)
 from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.localization.trajectory_error import (
     Alignment,
@@ -21,7 +28,9 @@ from sextant.evaluation.localization.trajectory_error import (
 from sextant.worlds.trajectories import load_kitti_poses
 
 #: numbers in a line -> format
-COLUMNS = {8: "TUM", 12: "KITTI"}
+COLUMNS: dict[int, Literal["TUM", "KITTI"]] = {8: "TUM", 12: "KITTI"}
+#: how poses of two files are joined, by format
+JOINED_BY = {"TUM": "times", "KITTI": "lines", **dict.fromkeys(NAMED_FORMATS, "names of images")}
 
 
 @dataclass(frozen=True)
@@ -106,8 +115,11 @@ def compare_trajectories(
 ) -> TrajectoryComparison:
     """Compare two files of poses, both in TUM's format (joined by nearest time) or both in KITTI's (by line).
 
+    Files of COLMAP, OpenSfM and nerfstudio go with each other, joined by the names of their images.
+
     Args:
-        reference, estimate: lines of ``timestamp tx ty tz qx qy qz qw``, or of the 12 numbers of a 3x4 matrix.
+        reference, estimate: lines of ``timestamp tx ty tz qx qy qz qw``, or of the 12 numbers of a 3x4 matrix; or
+            ``images.txt``, ``images.bin``, ``reconstruction.json``, ``transforms.json``.
         max_gap_s: poses whose times differ by more are not of one frame.
 
     Raises:
@@ -120,10 +132,13 @@ def compare_trajectories(
     """
     if not 0 <= max_gap_s < np.inf:
         raise ArgumentError(f"max_gap_s={max_gap_s:g} must be 0 or more, and finite", "max_gap_s=0.01")
-    formats = {str(path): _format(path) for path in (reference, estimate)}
-    if len(set(formats.values())) > 1:
-        said = ", ".join(f"{path} is in {name}'s format" for path, name in formats.items())
-        raise UserError(f"one trajectory has times and the other has none: {said}", "Convert one of them.")
+    formats = {str(path): pose_format(path) for path in (reference, estimate)}
+    if len({JOINED_BY[form] for form in formats.values()}) > 1:
+        said = ", ".join(f"{path} ({form}) by {JOINED_BY[form]}" for path, form in formats.items())
+        raise UserError(f"these poses cannot be joined: {said}", "Convert one of them to the format of the other.")
+    named = [read_reconstruction(Path(path), form) for path, form in formats.items() if form in NAMED_FORMATS]
+    if named:
+        return _compare_named(named[0], named[-1])
     if "KITTI" in formats.values():
         truth, guess = load_kitti_poses(reference), load_kitti_poses(estimate)
         if len(truth) != len(guess):
@@ -144,7 +159,14 @@ def compare_trajectories(
     return _compare(truth[rows], guess[own_rows], len(truth), len(guess))
 
 
-def _format(path: Path | str) -> str:
+def pose_format(path: Path | str) -> Literal["TUM", "KITTI"] | NamedFormat:
+    """The format of a file of poses, by its name and first line.
+
+    Raises:
+        UserError: it cannot be read, or is none.
+    """
+    if (named := named_format(Path(path))) is not None:
+        return named
     try:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -153,9 +175,22 @@ def _format(path: Path | str) -> str:
     if len(first) not in COLUMNS:
         raise UserError(
             f"{path}: {len(first)} numbers in its first line are no pose",
-            "8 a line: timestamp tx ty tz qx qy qz qw (TUM), or 12: the rows of a 3x4 matrix (KITTI).",
+            "8 a line: timestamp tx ty tz qx qy qz qw (TUM), or 12: the rows of a 3x4 matrix (KITTI); or a file of "
+            "COLMAP, OpenSfM or nerfstudio.",
         )
     return COLUMNS[len(first)]
+
+
+def _compare_named(reference: Reconstruction, estimate: Reconstruction) -> TrajectoryComparison:
+    rows = estimate.rows_of(reference.names)
+    both = [(row, own) for row, own in enumerate(rows) if own is not None]
+    if not both:
+        raise UserError(
+            f"no image is in both files: the first has {reference.names[0]}, the second {estimate.names[0]}",
+            "Give two files with poses of the same images.",
+        )
+    here, there = np.array(both).T
+    return _compare(reference.poses[here], estimate.poses[there], len(reference.images), len(estimate.images))
 
 
 def _joined(

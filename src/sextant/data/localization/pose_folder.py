@@ -23,14 +23,22 @@ from sextant.data.places.aligned import traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
 from sextant.data.places.pose_files import table_poses
 from sextant.data.places.problem_list import problem_list
+from sextant.data.reconstructions import NAMED_FORMATS, read_reconstruction
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import ArgumentError
 from sextant.worlds.trajectories import load_kitti_poses
 
-PoseFormat = Literal["csv", "tum", "kitti"]
+PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio"]
 POSE_FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
 PROTOCOLS = ("office", "town")
-FILES: dict[PoseFormat, str] = {"csv": "poses.csv", "tum": "poses.txt", "kitti": "poses.txt"}
+FILES: dict[PoseFormat, str] = {
+    "csv": "poses.csv",
+    "tum": "poses.txt",
+    "kitti": "poses.txt",
+    "colmap": "images.bin",
+    "opensfm": "reconstruction.json",
+    "nerfstudio": "transforms.json",
+}
 #: of each test drive, where there are no drives for validation
 VALIDATION_SHARE = 0.25
 
@@ -54,6 +62,9 @@ class PoseFolder:
               where names contain no time, the pose of its number
     ``kitti`` lines of 12 numbers, the rows of a 3x4 matrix ``world_from_camera``; the i-th image has the i-th pose
     ========= ==========================================================================================================
+
+    ``colmap`` (``images.bin`` or ``images.txt``), ``opensfm`` and ``nerfstudio`` have poses of images by their names,
+    see :mod:`sextant.data.reconstructions`; their lengths are metres only if the program knew the scale.
 
     Images are in the natural order of their names. Poses in space are brought to a plane by
     :func:`~sextant.data.localization.plane.to_plane`. What is localized is the *camera*: its pose is that of the file
@@ -284,6 +295,8 @@ class PoseFolder:
             poses = self._table(file, folder, paths, key)
         elif self.poses == "kitti":
             poses = to_plane(load_kitti_poses(file), self.plane, self.ahead, str(file))
+        elif self.poses != "tum":
+            poses = self._named(file, folder, paths, key)
         else:
             told, in_space = read_tum_matrices(file)
             poses = to_plane(in_space, self.plane, self.ahead, str(file))
@@ -307,6 +320,19 @@ class PoseFolder:
                 "file,x,y,heading\nfirst.jpg,12.5,-3.0,90    (degrees counter-clockwise from x)",
             )
         return np.array([(row.x, row.y, np.radians(row.heading_deg or 0.0)) for row in rows])
+
+    def _named(self, file: Path, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n 3"]:
+        assert self.poses in NAMED_FORMATS
+        found = read_reconstruction(file, self.poses)
+        names = [path.relative_to(folder.resolve()).as_posix() for path in paths]
+        rows = found.rows_of(names)
+        if without := [name for name, row in zip(names, rows, strict=True) if row is None]:
+            raise ArgumentError(
+                f"{key}: {len(without):,} of {len(names):,} images have no pose in {file}\n{problem_list(without)}",
+                "Move these images out of the folder, or have that program pose them.",
+            )
+        poses = to_plane(found.poses, self.plane, self.ahead, str(file))
+        return poses[[row for row in rows if row is not None]]
 
     def _once(self, poses: Float64[ndarray, "n 3"], paths: list[Path], key: str, notes: list[str]) -> ndarray:
         """The first image of each pose; two images at the very same pose are an error, or left out by ``skip_bad``."""

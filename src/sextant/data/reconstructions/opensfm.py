@@ -1,0 +1,78 @@
+"""OpenSfM's ``reconstruction.json``: a list of reconstructions, each in a frame of its own.
+
+``shots`` has for each image an angle-axis ``rotation`` and a ``translation`` that are ``camera_from_world``, with x
+right, y down and z forward; ``cameras`` has focal lengths in units of the longer side. The world's z points up, and
+lengths are metres, where images had GPS. Source: OpenSfM's documentation, "Dataset Structure".
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from sextant.data.reconstructions.json_file import read_foreign_json
+from sextant.data.reconstructions.reconstruction import (
+    Lens,
+    PosedImage,
+    Reconstruction,
+    finite,
+    inverted,
+    reconstruction_of,
+    unusable,
+)
+from sextant.errors import UserError
+
+FIX = "It is the reconstruction.json that opensfm reconstruct or align_submodels wrote."
+
+
+def read_opensfm(path: Path) -> Reconstruction:
+    """The images of the largest reconstruction in the file.
+
+    Raises:
+        UserError: the file cannot be read, is of another layout, or has what is no pose; it is named.
+    """
+    content = read_foreign_json(path, FIX)
+    whole = [each for each in content if isinstance(each, dict)] if isinstance(content, list) else []
+    shots = [each["shots"] for each in whole if isinstance(each.get("shots"), dict)]
+    if not shots:
+        raise UserError(f'{path}: a list of reconstructions with "shots" is expected', FIX)
+    largest = max(range(len(shots)), key=lambda i: len(shots[i]))
+    lenses = whole[largest].get("cameras")
+    remarks = []
+    if len(shots) > 1:
+        others = sum(map(len, shots)) - len(shots[largest])
+        remarks.append(
+            f"the largest of {len(shots)} reconstructions; {others:,} images of the others are in other frames"
+        )
+    images: list[PosedImage] = []
+    problems: list[str] = []
+    for name, shot in shots[largest].items():
+        image = _image(name, shot if isinstance(shot, dict) else {}, lenses if isinstance(lenses, dict) else {})
+        if image is None:
+            problems.append(f"{name}: its rotation and translation are not three finite numbers each")
+        else:
+            images.append(image)
+    if problems:
+        raise unusable(path, problems, FIX)
+    return reconstruction_of(path, images, remarks)
+
+
+def _image(name: str, shot: Mapping[str, Any], lenses: Mapping[str, Any]) -> PosedImage | None:
+    turn, translation = finite(shot.get("rotation"), 3), finite(shot.get("translation"), 3)
+    if turn is None or translation is None:
+        return None
+    rotation = np.asarray(cv2.Rodrigues(turn)[0], np.float64)
+    return PosedImage(name, inverted(rotation, translation), _lens(lenses.get(str(shot.get("camera")))))
+
+
+def _lens(camera: Any) -> Lens | None:
+    if not isinstance(camera, dict):
+        return None
+    size = finite([camera.get("width"), camera.get("height")], 2)
+    focal = finite(camera.get("focal", camera.get("focal_x")))
+    model = str(camera.get("projection_type", "perspective"))
+    if size is None:
+        return Lens(model, 0, 0, None)
+    return Lens(model, int(size[0]), int(size[1]), None if focal is None else float(focal * size.max()))

@@ -1,0 +1,156 @@
+"""Posed images, whichever program found their poses."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.places.image_files import natural_key
+from sextant.data.places.problem_list import problem_list
+from sextant.errors import UserError
+
+#: numbers of files are rounded: a matrix that differs more from a rotation is none
+ROTATION_TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True)
+class Lens:
+    """The lens that a file states for an image.
+
+    Attributes:
+        model: name of the camera model, as the program writes it.
+        width, height: of the images, pixels; 0 where the file does not say.
+        focal_px: focal length in pixels, the first where there are two; None where the file does not say.
+    """
+
+    model: str
+    width: int
+    height: int
+    focal_px: float | None
+
+
+@dataclass(frozen=True)
+class PosedImage:
+    """One image of a reconstruction.
+
+    Attributes:
+        name: as the file writes it.
+        world_from_camera: x right, y down, z forward.
+        lens: None where the file states none.
+    """
+
+    name: str
+    world_from_camera: Float64[ndarray, "4 4"]
+    lens: Lens | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Posed images in the natural order of their names.
+
+    Attributes:
+        images: each with its pose and its lens.
+        remarks: what a reader should know of the file.
+    """
+
+    images: tuple[PosedImage, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """Of the images."""
+        return [image.name for image in self.images]
+
+    @property
+    def poses(self) -> Float64[ndarray, "n 4 4"]:
+        """``world_from_camera`` of all images."""
+        return np.stack([image.world_from_camera for image in self.images])
+
+    def rows_of(self, files: Sequence[str]) -> list[int | None]:
+        """Which image each file is, or None.
+
+        A file and an image are one if the ends of their paths are the same and no other's: programs write paths below
+        different folders, or none. nerfstudio's may lack the suffix.
+
+        Args:
+            files: paths relative to some folder, written with ``/``.
+        """
+        named, own = _by_ends(self.names), _by_ends(files)
+        found: list[int | None] = []
+        for file in files:
+            ends = [end for end in _ends(file) if own[end] is not None]
+            ends += [end.removesuffix(Path(end).suffix) for end in ends]
+            found.append(next((row for end in ends if (row := named.get(end)) is not None), None))
+        return found
+
+
+def reconstruction_of(path: Path, images: Iterable[PosedImage], remarks: Sequence[str] = ()) -> Reconstruction:
+    """The images of a file in their order.
+
+    Raises:
+        UserError: there is none, or two have one name.
+    """
+    found = sorted(images, key=lambda image: natural_key(image.name))
+    if not found:
+        raise UserError(f"{path}: it has no posed image", "Was the reconstruction successful? Export it again.")
+    twice = [one.name for one, other in pairwise(found) if one.name == other.name]
+    if twice:
+        raise UserError(f"{path}: {len(twice)} images have two poses\n{problem_list(twice)}", "Export it again.")
+    return Reconstruction(tuple(found), tuple(remarks))
+
+
+def inverted(rotation: Float64[ndarray, "3 3"], translation: Float64[ndarray, "3"]) -> Float64[ndarray, "4 4"]:
+    """``world_from_camera`` of ``x_camera = R x_world + t``."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation.T
+    pose[:3, 3] = -rotation.T @ translation
+    return pose
+
+
+def rotation_of(quaternion: Float64[ndarray, "4"]) -> Float64[ndarray, "3 3"] | None:
+    """The rotation of (w, x, y, z), or None where its length is not 1."""
+    length = float(np.linalg.norm(quaternion))
+    if not abs(length - 1) <= ROTATION_TOLERANCE:
+        return None
+    w, x, y, z = quaternion / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def finite(value: Any, *shape: int) -> Float64[ndarray, "..."] | None:
+    """Finite numbers of a shape, or None where ``value`` is anything else."""
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return array if array.shape == shape and bool(np.isfinite(array).all()) else None
+
+
+def unusable(path: Path, problems: Sequence[str], what: str) -> UserError:
+    """The mistake of a file with images that cannot be used."""
+    return UserError(f"{path}: {len(problems)} images cannot be used\n{problem_list(problems)}", what)
+
+
+def _by_ends(names: Sequence[str]) -> dict[str, int | None]:
+    """Rows by all ends of their paths; None where two rows share one."""
+    found: dict[str, int | None] = {}
+    for row, name in enumerate(names):
+        for end in _ends(name):
+            found[end] = None if end in found else row
+    return found
+
+
+def _ends(name: str) -> list[str]:
+    """``a/b/c``, ``b/c`` and ``c``."""
+    parts = Path(name).parts
+    return ["/".join(parts[k:]) for k in range(len(parts))]
