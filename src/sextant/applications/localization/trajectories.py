@@ -30,7 +30,7 @@ from sextant.worlds.trajectories import load_kitti_poses
 #: numbers in a line -> format
 COLUMNS: dict[int, Literal["TUM", "KITTI"]] = {8: "TUM", 12: "KITTI"}
 #: how poses of two files are joined, by format
-JOINED_BY = {"TUM": "times", "KITTI": "lines", **dict.fromkeys(NAMED_FORMATS, "names of images")}
+JOINED_BY: dict[str, str] = {"TUM": "times", "KITTI": "lines", **dict.fromkeys(NAMED_FORMATS, "names of images")}
 
 
 @dataclass(frozen=True)
