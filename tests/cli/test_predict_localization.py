@@ -7,6 +7,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from made_up_bags import Bags
 from tiny_office import office_run
 
 from sextant import Localizer
@@ -143,6 +144,21 @@ def test_a_video(office, tmp_path, every):
     assert np.allclose(read_tum(tmp_path / "out" / "trajectory.tum")[0], np.arange(0, 9, every) / 10)
     odometry = table(tmp_path / "odometry.csv", odometry_poses(office)[:9])
     assert len(localize(office, path, tmp_path / "out", f"every={every}", f"odometry={odometry}")) == len(rows)
+
+
+def test_a_recording_of_a_robot_is_localized_as_its_images_and_odometry_are(office, tmp_path):
+    poses, bags = odometry_poses(office)[:9], Bags(2)
+    messages = [("/camera", k + 1, bags.image(k + 1, image)) for k, image in enumerate(office.images[:9])]
+    messages += [("/odom", k + 1, bags.odometry(k + 1, x, turn, y)) for k, (x, y, turn) in enumerate(poses.tolist())]
+    bag = bags.write(tmp_path, sorted(messages, key=lambda message: message[1]))
+    rows = localize(office, bag, tmp_path / "bag", "seed=3")
+    photos = office.photos(tmp_path / "photos")
+    for photo in sorted(photos.iterdir())[9:]:
+        photo.unlink()
+    by_photos = localize(office, photos, tmp_path / "out", f"odometry={table(tmp_path / 'o.csv', poses)}", "seed=3")
+    for row, photo in zip(rows, by_photos, strict=True):
+        assert float(row["x"]) == pytest.approx(float(photo["x"]), abs=1e-4)
+        assert float(row["y"]) == pytest.approx(float(photo["y"]), abs=1e-4)
 
 
 def test_a_moved_map_alone_one_particle_and_a_replay(office, photos, tmp_path):

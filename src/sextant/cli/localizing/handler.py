@@ -16,7 +16,7 @@ class Localization(Handler):
     task = "localization"
     topic = "localization"
     usage = (
-        "sextant predict run=<run of localization, or a saved map> input=<folder of photos, or video> "
+        "sextant predict run=<run of localization, or a saved map> input=<folder of photos, video, ROS bag> "
         "[odometry=<table>] [output=localization]"
     )
     keys = LocalizingOptions.meanings()

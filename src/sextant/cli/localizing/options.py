@@ -23,7 +23,11 @@ class LocalizingOptions(Options):
     seed: int = Field(0, ge=0, examples=[1])
     """of all random numbers; 0 unless given"""
     every: int = Field(1, ge=1, examples=[10])
-    """of a video, every so many frames; 1 unless given"""
+    """of a video or a ROS bag, every so many images; 1 unless given"""
+    image_topic: str | None = Field(None, examples=["/camera/image_raw"])
+    """of a ROS bag: its images; the only topic of images unless given"""
+    odometry_topic: str | None = Field(None, examples=["/odom"])
+    """of a ROS bag: its odometry; the only topic of odometry unless given"""
     replay: Literal["mp4", "gif", "none"] = Field("mp4", examples=["gif"])
     """animation of the particles: mp4 (default), gif or none"""
 

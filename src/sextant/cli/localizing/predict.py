@@ -4,8 +4,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from sextant.applications.localization.localizer import Localizer
 from sextant.applications.localization.written_poses import Replay, Row, draw_trajectory, write_poses
 from sextant.applications.write_errors import telling_write_errors
@@ -13,8 +11,7 @@ from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
-from sextant.data.localization.frames import Photos, Video, find_frames
-from sextant.data.localization.odometry_file import OdometryFile, motions_of, read_odometry
+from sextant.data.localization.own_drive import OwnDrive, open_drive
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
 
@@ -35,11 +32,15 @@ def predict_poses(
         UserError: there is no image that can be used, the odometry does not go with them, the map is damaged or cannot
             describe images, or the disk is full.
     """
-    frames = find_frames(given, output, options.every)
-    odometry = None if options.odometry is None else read_odometry(options.odometry)
-    if odometry is not None and odometry.names is not None and isinstance(frames, Photos) and options.odometry:
-        frames = frames.in_order_of(odometry.names, options.odometry)
-    motions, remarks = _motions(frames, odometry, options)
+    drive = open_drive(
+        given,
+        options.odometry,
+        output,
+        every=options.every,
+        image_topic=options.image_topic,
+        odometry_topic=options.odometry_topic,
+    )
+    remarks = drive.remarks
     localizer = Localizer.load(folder, particles=options.particles, start=options.start, seed=options.seed, trust=trust)
     if localizer.descriptor.describer is None:
         raise UserError(
@@ -48,13 +49,13 @@ def predict_poses(
         )
     if localizer.image_size is None:
         raise UserError(f"the map in {folder} does not tell the size of its images", "Save it anew.")
-    rows, replay = _localized(localizer, frames, motions, options)
+    rows, replay = _localized(localizer, drive, options)
     if all(row.problem for row in rows):
         skipped = {row.name: row.problem for row in rows}
         raise nothing_usable(f"input={given}: none of {len(rows):,} images can be used", skipped)
     positions = localizer.model.map.poses[:, :2].numpy()
     with telling_write_errors(output):
-        write_poses(rows, _times(frames, odometry), output)
+        write_poses(rows, drive.times_s, output)
         draw_trajectory(rows, positions, output, localizer.unit)
         written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
         if options.replay != "none":
@@ -65,38 +66,19 @@ def predict_poses(
     return rows
 
 
-def _motions(
-    frames: Photos | Video, odometry: OdometryFile | None, options: LocalizingOptions
-) -> tuple[list[np.ndarray | None], list[str]]:
-    if odometry is None or options.odometry is None:
-        told = "no odometry= was given: between images the particles spread as where odometry is lost"
-        return [None] * len(frames), [told]
-    count = frames.frames if isinstance(frames, Video) else None
-    return motions_of(odometry, frames.names, frames.times_s, options.odometry, options.every, count)
-
-
-def _localized(
-    localizer: Localizer, frames: Photos | Video, motions: list[np.ndarray | None], options: LocalizingOptions
-) -> tuple[list[Row], Replay]:
+def _localized(localizer: Localizer, drive: OwnDrive, options: LocalizingOptions) -> tuple[list[Row], Replay]:
     rows, replay = list[Row](), Replay()
     assert localizer.image_size is not None
     with work_progress("localizing", "images") as progress:
-        for step, (frame, motion) in enumerate(zip(frames.read(localizer.image_size), motions, strict=True)):
+        for step, (frame, motion) in enumerate(
+            zip(drive.frames.read(localizer.image_size), drive.motions, strict=True)
+        ):
             told = localizer.step(motion, frame.image)
             rows.append(Row(frame.name, told, frame.problem))
             if options.replay != "none":
                 replay.add(step, localizer.belief)
-            progress(step + 1, len(frames))
+            progress(step + 1, len(drive.frames))
     return rows, replay
-
-
-def _times(frames: Photos | Video, odometry: OdometryFile | None) -> np.ndarray:
-    """Seconds of each image: by the names or the video, by the odometry, or counted."""
-    if frames.times_s is not None:
-        return frames.times_s
-    if odometry is not None and odometry.times_s is not None and len(odometry.times_s) == len(frames):
-        return odometry.times_s
-    return np.arange(len(frames), dtype=np.float64)
 
 
 def _animation(write: Callable[[Path], None], output: Path, kind: str, remarks: list[str]) -> Path:

@@ -151,7 +151,7 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
     mine = output.resolve()
     found = [p for p in find_photos(given, output) if not (p.name in WRITTEN and p.resolve().parent == mine)]
     if not found:
-        raise UserError(f"input={given}: no photo there", "Give a folder of photos, or a video.")
+        raise UserError(f"input={given}: no photo there", "Give a folder of photos, a video, or a ROS bag.")
     if not path.is_dir() and not path.is_file():
         folder = Path(found[0].parent)
         found = [p for p in found if p.parent == folder] if len({p.parent for p in found}) == 1 else found

@@ -81,7 +81,7 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
             "Each line: timestamp tx ty tz qx qy qz qw, in order of time.",
         )
     table = np.array(rows)
-    return np.ascontiguousarray(table[:, 0]), _matrices(table[:, 1:4], table[:, 4:])
+    return np.ascontiguousarray(table[:, 0]), pose_matrices(table[:, 1:4], table[:, 4:])
 
 
 def _floats(words: list[str]) -> list[float] | None:
@@ -92,7 +92,8 @@ def _floats(words: list[str]) -> list[float] | None:
     return row if np.isfinite(row).all() else None
 
 
-def _matrices(position: ndarray, quaternion: ndarray) -> Float64[ndarray, "n 4 4"]:
+def pose_matrices(position: Float64[ndarray, "n 3"], quaternion: Float64[ndarray, "n 4"]) -> Float64[ndarray, "n 4 4"]:
+    """Poses of positions and quaternions (x, y, z, w) of any length but 0."""
     x, y, z, w = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
     rotation = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

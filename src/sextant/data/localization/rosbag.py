@@ -1,0 +1,205 @@
+"""Recordings of robots: images and odometry of a ROS bag, of ROS 1 or 2, read without ROS by the package ``rosbags``.
+
+Messages are read by the definitions that come with ``rosbags``, never by those that a bag brings along. Images are
+``sensor_msgs/Image`` or ``sensor_msgs/CompressedImage``, odometry is ``nav_msgs/Odometry``: REP 105's base in its
+odometry frame, x ahead. Times are those of the headers; where one of a topic has none, or they do not rise, those of
+the recording.
+"""
+
+import io
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from PIL import Image
+
+from sextant.data.localization.frames import Frame, Size
+from sextant.data.localization.odometry_file import OdometryFile
+from sextant.data.localization.plane import to_plane
+from sextant.data.localization.pose_formats import pose_matrices
+from sextant.data.places.image_files import picture_bytes
+from sextant.errors import ArgumentError, UserError
+
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+ODOMETRY = ("nav_msgs/msg/Odometry",)
+#: encoding of sensor_msgs/Image -> channels, and their order as RGB (None: grey)
+ENCODINGS: dict[str, tuple[int, tuple[int, ...] | None]] = {
+    "mono8": (1, None),
+    "8UC1": (1, None),
+    "rgb8": (3, (0, 1, 2)),
+    "bgr8": (3, (2, 1, 0)),
+    "8UC3": (3, (2, 1, 0)),
+    "rgba8": (4, (0, 1, 2)),
+    "bgra8": (4, (2, 1, 0)),
+}
+
+
+def is_rosbag(path: Path) -> bool:
+    """Whether a path is a bag by its name: a file of ROS 1, or a folder that ROS 2 recorded."""
+    return (path.suffix == ".bag" and path.is_file()) or (path / "metadata.yaml").is_file()
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """Every so many images of a bag.
+
+    Attributes:
+        path: file or folder.
+        topic: of the images.
+        times_s: of the images, as read by :meth:`read`.
+        odometry: of its odometry topic; None without one.
+        every: images from one to the next.
+    """
+
+    path: Path
+    topic: str
+    times_s: Float64[ndarray, "n"]
+    odometry: OdometryFile | None
+    every: int = 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Numbers of the images."""
+        return tuple(f"image {number * self.every}" for number in range(len(self)))
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def read(self, size: Size) -> Iterator[Frame]:
+        """The images, stretched to a size; those that cannot be decoded are reported."""
+        with _opened(self.path) as bag:
+            for number, (kind, _, raw) in enumerate(bag.messages(self.topic)):
+                if number % self.every:
+                    continue
+                name = f"image {number}"
+                try:
+                    yield Frame(name, picture_bytes(_picture(bag.message(raw, kind), kind), *size))
+                except Exception as error:  # decoders raise whatever they come across in damaged bytes
+                    yield Frame(
+                        name, None, f"cannot be decoded: {str(error).splitlines()[0] if str(error) else error!r}"
+                    )
+
+
+def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str | None = None, every: int = 1) -> Bag:
+    """What a bag has.
+
+    Args:
+        path: a file of ROS 1, or a folder of ROS 2.
+        image_topic: of the images; the only one unless given.
+        odometry_topic: of the odometry; the only one unless given.
+        every: take one of so many images.
+
+    Raises:
+        UserError: it cannot be read, it has no images, or several topics and none was chosen.
+    """
+    with _opened(path) as bag:
+        images = _topic(bag, IMAGES, "image_topic", image_topic)
+        if images is None:
+            raise UserError(f"{path} has no images", f"Its topics: {bag.listed()}.")
+        moves = _topic(bag, ODOMETRY, "odometry_topic", odometry_topic)
+        times = _times([(stamp, taken) for _, taken, stamp in bag.stamps(images)])
+        odometry = None if moves is None else _odometry(bag, moves)
+    return Bag(path, images, times[::every], odometry, every)
+
+
+class _Opened:
+    """A reader of either version, and the messages that it finds."""
+
+    def __init__(self, path: Path):
+        from rosbags import rosbag1, rosbag2
+        from rosbags.typesys import Stores, get_typestore
+
+        first = path.is_file()
+        types = get_typestore(Stores.ROS1_NOETIC if first else Stores.LATEST)
+        self.reader: Any = (rosbag1 if first else rosbag2).Reader(path)
+        self.message: Callable[[bytes, str], Any] = types.deserialize_ros1 if first else types.deserialize_cdr
+        self._first = first
+
+    def topics(self, kinds: tuple[str, ...]) -> list[str]:
+        """Those with messages of some types."""
+        found = [link.topic for link in self.reader.connections if link.msgtype in kinds and link.msgcount]
+        return sorted(dict.fromkeys(found))
+
+    def listed(self) -> str:
+        """All topics, with their types."""
+        return ", ".join(sorted(f"{link.topic} ({link.msgtype})" for link in self.reader.connections)) or "none"
+
+    def messages(self, topic: str) -> Iterator[tuple[str, float, bytes]]:
+        """Type, seconds of the recording and bytes of each message."""
+        links = [link for link in self.reader.connections if link.topic == topic]
+        for link, taken, raw in self.reader.messages(connections=links):
+            yield link.msgtype, taken * 1e-9, raw
+
+    def stamps(self, topic: str) -> Iterator[tuple[bytes, float, float]]:
+        """Bytes, seconds of the recording and of the header of each message, which is not decoded."""
+        for _, taken, raw in self.messages(topic):
+            order = "<" if self._first or raw[1] & 1 else ">"
+            seconds, nanoseconds = struct.unpack_from(f"{order}II", raw, 4)  # after seq, or after CDR's own header
+            yield raw, taken, seconds + nanoseconds * 1e-9
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[_Opened]:
+    if find_spec("rosbags") is None:
+        raise UserError(f"{path}: a ROS bag needs rosbags, which is not installed", "pip install 'sextant[ros]'")
+    try:
+        bag = _Opened(path)
+        with bag.reader:
+            yield bag
+    except UserError:
+        raise
+    except (Exception, AssertionError) as error:  # its readers raise errors of their own, of sqlite and of YAML
+        told = str(error).splitlines()[0] if str(error) else repr(error)
+        raise UserError(
+            f"{path} cannot be read as a ROS bag: {told}", "Was its recording ended? ros2 bag reindex"
+        ) from None
+
+
+def _topic(bag: _Opened, kinds: tuple[str, ...], argument: str, chosen: str | None) -> str | None:
+    there = bag.topics(kinds)
+    if chosen is None:
+        if len(there) > 1:
+            raise ArgumentError(f"{argument}= is missing: there are {', '.join(there)}", f"{argument}={there[0]}")
+        return there[0] if there else None
+    if chosen not in there:
+        raise ArgumentError(
+            f"{argument}={chosen}: no messages of {' or '.join(kinds)} there",
+            f"There are {', '.join(there) or 'none'}.",
+        )
+    return chosen
+
+
+def _times(found: list[tuple[float, float]]) -> Float64[ndarray, "n"]:
+    """Those of the headers, if all have one and they rise; else those of the recording."""
+    stamps, taken = np.array(found, np.float64).reshape(-1, 2).T
+    rise = (stamps > 0).all() and (np.diff(stamps) > 0).all()
+    return np.ascontiguousarray(stamps if rise else np.maximum.accumulate(taken))
+
+
+def _odometry(bag: _Opened, topic: str) -> OdometryFile:
+    times = _times([(stamp, taken) for _, taken, stamp in bag.stamps(topic)])
+    found = [bag.message(raw, kind).pose.pose for kind, _, raw in bag.messages(topic)]
+    position = np.array([(p.position.x, p.position.y, p.position.z) for p in found])
+    turned = np.array([(p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in found])
+    fine = np.isfinite(position).all(axis=1) & (np.abs(np.linalg.norm(turned, axis=1) - 1) < 0.01)
+    fine &= np.concatenate([[True], np.diff(times) > 0])
+    poses = to_plane(pose_matrices(position[fine], turned[fine]), "xy", "x", f"odometry of {topic}")
+    return OdometryFile(poses, times[fine])
+
+
+def _picture(message: Any, kind: str) -> Image.Image:
+    if kind == "sensor_msgs/msg/CompressedImage":
+        return Image.open(io.BytesIO(bytes(message.data)), formats=("JPEG", "PNG", "WEBP"))
+    if message.encoding not in ENCODINGS:
+        raise ValueError(f"encoding {message.encoding} is not one of {', '.join(ENCODINGS)}")
+    channels, order = ENCODINGS[message.encoding]
+    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)
+    pixels = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
+    return Image.fromarray(pixels[..., 0] if order is None else np.ascontiguousarray(pixels[..., order]))
