@@ -5,6 +5,9 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready$(subst /,-,$(CURDIR))# a moved checkout needs its environment anew
 
 .DEFAULT_GOAL := help
+# Tests and sweeps start many a process that imports torch, Lightning or MLflow. Without bytecode on disk each compiles
+# all of it again, which takes longer than what most of them are started for.
+unexport PYTHONDONTWRITEBYTECODE
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

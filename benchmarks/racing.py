@@ -57,11 +57,11 @@ def fill(seen: np.ndarray, scores: np.ndarray, rule: Rule) -> np.ndarray:
 
 
 def simulated(
-    spread: float, images: int | None = None, confidence: float = 0.95
+    spread: float, images: int | None = None, confidence: float = 0.95, searches: int = SEARCHES
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Share of runs saved, and regret with racing and with all seeds, of each search."""
     rows = []
-    for number in range(SEARCHES):
+    for number in range(searches):
         means, scores = drawn(number, spread=spread, images=images)
         seen, full = raced(scores, confidence), search(scores, every)
         rows.append([np.isnan(seen).mean(), *(means.max() - means[leader(found)] for found in (seen, full))])

@@ -42,6 +42,7 @@ def slurm(tmp_path, monkeypatch):
         (folder / name).write_text(f"#!/bin/sh\n{line}\n")
         (folder / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+    monkeypatch.setattr("sextant.lifecycle.launchers.slurm.POLL_S", 0.02)
     return folder
 
 
@@ -228,7 +229,7 @@ def test_a_task_that_starts_anew_or_is_at_another_run_is_not_taken_for_silent(tm
     (slurm / "queue").write_text(f"{submission.name}|N/A|7|RUNNING|1|n1\n")
     lease, before = None, 0
     for _ in range(2):
-        while not asked.exists() or asked.read_text().count("x") < before + 4:  # more than lease_s apart
+        while not asked.exists() or asked.read_text().count("x") < before + 6:  # more than lease_s apart
             thread.join(0.01)
             assert thread.is_alive()
         before = asked.read_text().count("x")

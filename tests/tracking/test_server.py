@@ -30,15 +30,26 @@ def descendants_of(process, number, still=lambda: True):
     return found
 
 
-@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGKILL, signal.SIGHUP, signal.SIGINT])
-def test_all_that_was_started_ends_with_its_starter(sent):
-    starter = subprocess.Popen(
-        [sys.executable, "-c", STARTER, "sh", "-c", FAMILY], preexec_fn=heeds_signals, stderr=subprocess.DEVNULL
-    )
-    family = descendants_of(starter, 5)  # guard, shell, sleep, inner shell, its sleep
-    starter.send_signal(sent)
-    starter.wait(60)
-    assert psutil.wait_procs(family, timeout=60)[1] == []
+SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGHUP, signal.SIGINT)
+
+
+@pytest.fixture(scope="module")
+def families():
+    """What starters had started when each was sent its signal, by signal; they are waited for together."""
+    command = [sys.executable, "-c", STARTER, "sh", "-c", FAMILY]
+    starters = [subprocess.Popen(command, preexec_fn=heeds_signals, stderr=subprocess.DEVNULL) for _ in SIGNALS]
+    found = [descendants_of(starter, 5) for starter in starters]  # guard, shell, sleep, inner shell, its sleep
+    for starter, sent in zip(starters, SIGNALS, strict=True):
+        starter.send_signal(sent)
+    for starter in starters:
+        starter.wait(60)
+    return dict(zip(SIGNALS, found, strict=True))
+
+
+@pytest.mark.parametrize("sent", SIGNALS)
+def test_all_that_was_started_ends_with_its_starter(families, sent):
+    assert len(families[sent]) == 5
+    assert psutil.wait_procs(families[sent], timeout=60)[1] == []
 
 
 def test_a_server_that_ends_by_itself_is_told():
