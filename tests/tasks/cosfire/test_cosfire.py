@@ -143,8 +143,8 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, tmp_pat
         np.testing.assert_array_equal(values, arrays(resumed)[name])
 
 
-def test_interrupted_while_filters_are_made(tmp_path, monkeypatch):
-    whole = digits_run(tmp_path / "whole", *PLAIN, "task.prices=[10]")
+def test_interrupted_while_filters_are_made(outputs, tmp_path, monkeypatch):
+    whole = digits_run(outputs, *PLAIN, "task.prices=[10]")
     fit, done = CosfireEstimator.fit, []
 
     def interrupted_once(self, *examples):
@@ -155,8 +155,8 @@ def test_interrupted_while_filters_are_made(tmp_path, monkeypatch):
 
     monkeypatch.setattr(CosfireEstimator, "fit", interrupted_once)
     with pytest.raises(KeyboardInterrupt):
-        digits_run(tmp_path / "parted", *PLAIN, "task.prices=[10]")
-    resumed = digits_run(tmp_path / "parted", *PLAIN, "task.prices=[10]")
+        digits_run(tmp_path, *PLAIN, "task.prices=[10]")
+    resumed = digits_run(tmp_path, *PLAIN, "task.prices=[10]")
     assert done == [10]
     assert_equal_weights(weights(whole), weights(resumed))
 
