@@ -15,6 +15,7 @@ from sextant.cli import (
     dashboard,
     data,
     gallery,
+    inspect,
     predict,
     report,
     train,
@@ -198,6 +199,11 @@ def _benchmark(command: Command, words: list[str]) -> None:
     _among("sampling", given.sampling, groups()["sampling"])
 
 
+def _inspect(command: Command, words: list[str]) -> None:
+    _among(command.text, "an input", ["an input"] if words and "=" not in words[0] else [])
+    inspect.InspectOptions.parse([f"input={words[0]}", *words[1:]], command.text)
+
+
 def _dashboard(command: Command, words: list[str]) -> None:
     parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
@@ -219,6 +225,7 @@ VERBS = {
     "doctor": _doctor,
     "trajectory": _trajectory,
     "benchmark": _benchmark,
+    "inspect": _inspect,
     "dashboard": _dashboard,
 }
 

@@ -75,6 +75,7 @@ NOT_RUN = {
     r"^sextant (export|register)": "as tests/lifecycle/test_exporting.py and test_registering.py",
     r"^sextant doctor": "as tests/cli/test_doctor.py and tests/runs/test_machine.py",
     r"^sextant compare": "needs two trained runs; tests/reports/test_run_comparison.py",
+    r"^sextant inspect": "needs photos of one's own; tests/applications/inspection, tests/cli/test_inspect.py",
     r"^sextant trajectory": "needs two trajectories; tests/cli/test_trajectory.py runs it on files of that kind",
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",
     r"^make (setup|run|test|lint|lock|worlds-gallery|gpu-check)": "installs, or takes minutes",

@@ -13,6 +13,7 @@ VERBS = {
     "train": ("sextant.cli.train", "train and test a model, or sweep with -m"),
     "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
     "predict": ("sextant.cli.predict", "classify images, calibrate photos, find places, or detect an example"),
+    "inspect": ("sextant.cli.inspect", "look at your own photos, video or poses: what fits them, with the commands"),
     "benchmark": ("sextant.cli.benchmark", "measure calibration on photos of known cameras, in one table"),
     "sweep": ("sextant.cli.sweep", "status of a sweep that runs elsewhere; attach to it, or cancel it"),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),

@@ -10,7 +10,7 @@ from sextant.errors import UserError
 
 #: the last two are not decoded: they are found so that they are named
 FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".avif", ".heic", ".heif")
-#: names of pictures that predictions write: :mod:`~sextant.cli.photo_calibration.photo_files`,
+#: names of pictures that predictions write: :mod:`~sextant.applications.calibration.photo_files`,
 #: :mod:`~sextant.cli.place_matching.gallery_pages`
 WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
 

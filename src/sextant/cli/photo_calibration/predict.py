@@ -7,10 +7,10 @@ from typing import Any
 from sextant.applications.calibration.calibrator import PhotoCalibrator
 from sextant.applications.calibration.collected_files import write_collected
 from sextant.applications.calibration.photo_camera import PhotoCamera
+from sextant.applications.calibration.photo_files import write_photos
 from sextant.applications.failures import FailedPhoto, FailedPhotosError
 from sextant.cli.output_folder import make_output
 from sextant.cli.photo_calibration.options import CalibrationOptions
-from sextant.cli.photo_calibration.photo_files import write_photos
 from sextant.cli.photo_calibration.telling import tell
 from sextant.cli.skipped_files import skipped_of
 

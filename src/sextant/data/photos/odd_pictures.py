@@ -21,20 +21,26 @@ POLE = 12
 
 
 def check_no_panorama(image: UInt8[ndarray, "h w 3"], name: str) -> None:
-    """Raise a ``UserError`` if a picture is a full panorama: 2:1, closed around, and one colour at a pole."""
+    """Raise a ``UserError`` if a picture is a full panorama."""
+    if is_panorama(image):
+        rows, columns = image.shape[:2]
+        raise UserError(
+            f"{name} is a panorama of 360 degrees ({columns}x{rows}, closed around), not a photo through one lens",
+            "Give photos; panoramas are for dataset=panorama_folder, which cuts photos of known cameras from them.",
+        )
+
+
+def is_panorama(image: UInt8[ndarray, "h w 3"]) -> bool:
+    """Whether a picture is a full panorama: 2:1, closed around, and one colour at a pole."""
     rows, columns = image.shape[:2]
     if abs(columns / rows - 2) > 0.01:
-        return
+        return False
     seam = _difference(image[:, 0], image[:, -1])
     steps, apart = range(0, columns - 1, max(columns // 64, 1)), int(0.37 * columns)
     beside = np.median([_difference(image[:, i], image[:, i + 1]) for i in steps])
     across = np.median([_difference(image[:, i], image[:, i - apart]) for i in steps])
     poles = [float(np.std(cv2.blur(row.astype(np.float32), (9, 1)), axis=1).mean()) for row in (image[:1], image[-1:])]
-    if seam < 3 * beside + 2 and seam < across / 2 and min(poles) < POLE:
-        raise UserError(
-            f"{name} is a panorama of 360 degrees ({columns}x{rows}, closed around), not a photo through one lens",
-            "Give photos; panoramas are for dataset=panorama_folder, which cuts photos of known cameras from them.",
-        )
+    return bool(seam < 3 * beside + 2 and seam < across / 2 and min(poles) < POLE)
 
 
 def odd_picture(image: UInt8[ndarray, "h w 3"]) -> str | None:

@@ -44,7 +44,7 @@ def read_photo(path: Path) -> Photo:
     if size == 0:
         raise UserError(f"{path} is empty (0 bytes)", "Copy the photo again.")
     try:
-        with _without_pillow_limit(), Image.open(path, formats=_formats()) as image:
+        with without_pillow_limit(), Image.open(path, formats=known_formats()) as image:
             return _decode(image, path)
     except (UserError, MemoryError):
         raise
@@ -71,13 +71,14 @@ def photo_of_array(image: ndarray, name: str) -> Photo:
     return Photo(image, width, height, 1, None)
 
 
-def _formats() -> list[str]:
+def known_formats() -> list[str]:
+    """Those of :data:`FORMATS` that Pillow reads here."""
     Image.init()
     return [name for name in FORMATS if name in Image.OPEN]
 
 
 @contextmanager
-def _without_pillow_limit() -> Iterator[None]:
+def without_pillow_limit() -> Iterator[None]:
     """Pillow's own limit warns, or raises, long before ours; and its warnings about odd metadata help nobody here."""
     with _pillow, warnings.catch_warnings():
         warnings.simplefilter("ignore")

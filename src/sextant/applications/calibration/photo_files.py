@@ -3,7 +3,7 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import UInt8
@@ -14,13 +14,14 @@ from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.failures import FailedPhoto
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_json
-from sextant.cli.photo_calibration.options import Undistort
 from sextant.data.photos import Keep, read_photo
 from sextant.data.photos.file_stems import file_stems
 from sextant.figures.calibration.overlay import LONGEST_SIDE, CalibratedPhoto, calibration_overlay
 from sextant.figures.style import save_figure
 
 SHEET = 40  # photos on the contact sheet
+#: how photos are straightened, if they are
+Undistort = Keep | Literal["none"]
 
 
 def write_photos(

@@ -1,0 +1,6 @@
+"""What a user's own folder holds, which tasks fit it, and the commands for them: :func:`inspect`."""
+
+from sextant.applications.inspection.inspecting import Inspection, inspect
+from sextant.applications.inspection.summary import summary
+
+__all__ = ["Inspection", "inspect", "summary"]

@@ -1,0 +1,107 @@
+"""Drives with poses: what ``dataset=pose_folder`` needs to be told of them."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from sextant.applications.inspection.poses import FoundPoses
+from sextant.applications.inspection.seen import Seen
+from sextant.applications.inspection.suggestion import Suggestion, command, override, overrides_of, plain_name
+from sextant.applications.inspection.traverses import MAPS
+from sextant.data.localization.plane import AHEAD, PLANES, Ahead, to_plane
+from sextant.data.localization.pose_folder import FILES, PoseFormat
+from sextant.errors import ArgumentError
+
+#: metres: shorter steps tell nothing of where a body looks
+STEP = 1e-3
+#: the body's axis that is upright where another looks ahead: y of a camera points down, z of a robot up
+UPRIGHT: dict[Ahead, int] = {"z": 1, "x": 2}
+#: cosine from which a body is level enough, on average
+LEVEL = 0.7
+
+
+def localization(seen: Seen) -> Iterator[Suggestion]:
+    """Localization in a map of the user's own, and in one of a run for a video."""
+    yield from _of_poses(seen)
+    if seen.videos:
+        name = seen.folder / seen.videos[0].name
+        yield Suggestion(
+            "localize a video in a map",
+            "<run> is a run of task=localization, whose map has these places; every=10 takes each tenth frame",
+            (command("predict", run="<run>", input=name, every=10, output="localization"),),
+        )
+
+
+def _of_poses(seen: Seen) -> Iterator[Suggestion]:
+    """The drives whose images all have poses of one format."""
+    usable = [each for each in seen.poses if each.posed and not each.unposed and not each.problem and each.headings]
+    drives: dict[tuple[PoseFormat, str], dict[Path, FoundPoses]] = {}
+    for poses in usable:
+        if poses.images is not None and poses.format != "cold":
+            file = os.path.relpath(poses.file, poses.images)
+            drives.setdefault((poses.format, file), {}).setdefault(poses.images, poses)
+    for (form, file), found in drives.items():
+        if len(found) < 2:
+            (poses,) = found.values()
+            yield Suggestion(
+                "localize in a map of your own",
+                f"{poses.file.as_posix()} is of one drive; a second one through the same places is needed, in a folder "
+                "beside it with a file of poses of its own",
+                (),
+            )
+            continue
+        base = Path(os.path.commonpath(found))
+        folders = sorted(found, key=lambda each: not _below(each, base).lower().startswith(MAPS))
+        axes = _axes(found[folders[0]])
+        if axes is None:
+            yield Suggestion(
+                "localize in a map of your own",
+                f"in {found[folders[0]].file.as_posix()} no two axes of the world are the ground: align them to it "
+                "first (COLMAP: model_orientation_aligner)",
+                (),
+            )
+            continue
+        tests = {plain_name(_below(each, base)): each.relative_to(base) for each in folders[1:]}
+        words = [
+            "task=localization", "dataset=pose_folder", f"dataset.folder={override(seen.folder / base)}",
+            f"dataset.map={override(folders[0].relative_to(base))}", f"dataset.test={overrides_of(tests)}",
+            f"dataset.poses={form}", *([] if FILES.get(form) == file else [f"dataset.pose_file={override(file)}"]),
+            *(f"dataset.{key}={value}" for key, value in axes.items()),
+        ]  # fmt: skip
+        why = f"{len(folders)} drives with poses ({form}), {folders[0].as_posix()} as the map"
+        if form in ("colmap", "opensfm", "nerfstudio"):
+            why += "; lengths must be metres, and all drives in one frame"
+        yield Suggestion("localize in a map of your own", why, (command("train", *words),))
+
+
+def _below(folder: Path, base: Path) -> str:
+    return folder.relative_to(base).as_posix()
+
+
+def _axes(found: FoundPoses) -> dict[str, str] | None:
+    """The plane that is moved in and the axis that looks ahead, as far as they are not the defaults.
+
+    The plane's normal is the axis of the world that the body's upright one is nearest to.
+    """
+    if found.poses is None:
+        return {}
+    choices: list[tuple[float, str, Ahead]] = []
+    order: tuple[Ahead, ...] = AHEAD if found.format == "tum" else ("z",)
+    for ahead in order:
+        upright = np.abs(found.poses[:, :3, UPRIGHT[ahead]].mean(axis=0))
+        plane = "xyz".replace("xyz"[int(upright.argmax())], "")
+        if upright.max() > LEVEL and plane in PLANES:
+            try:
+                flat = to_plane(found.poses, plane, ahead, "poses")
+            except ArgumentError:
+                continue
+            step = np.diff(flat[:, :2], axis=0)
+            moved = np.hypot(*step.T) > STEP
+            along = np.cos(np.arctan2(step[:, 1], step[:, 0]) - flat[:-1, 2])[moved]
+            choices.append((float(np.median(along)) if moved.any() else 0.0, plane, ahead))
+    if not choices:
+        return None
+    _, plane, ahead = max(choices, key=lambda choice: choice[0])
+    return {key: value for key, value, usual in (("plane", plane, "xy"), ("ahead", ahead, "z")) if value != usual}

@@ -1,0 +1,67 @@
+"""The files below a folder, by what they may be."""
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sextant.data.localization.frames import VIDEOS
+from sextant.data.photo_files import FOUND_IN_FOLDERS
+from sextant.data.places.image_files import natural_key
+
+#: pictures as sensors deliver them, which no part of Sextant decodes
+RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
+#: what may hold poses, or what is known of photos
+TABLES = (".txt", ".csv", ".tum", ".kitti", ".json", ".bin")
+
+
+@dataclass(frozen=True)
+class FoundFiles:
+    """Files below a folder, relative to it, in natural order; hidden ones are left out.
+
+    Attributes:
+        images, videos: by their suffixes.
+        tables: that may hold poses.
+        others: how many there are of each other suffix.
+        unreadable: reasons by file or folder.
+        links: folders that are links, which are not followed.
+    """
+
+    images: tuple[Path, ...]
+    videos: tuple[Path, ...]
+    tables: tuple[Path, ...]
+    others: dict[str, int]
+    unreadable: dict[str, str]
+    links: tuple[Path, ...]
+
+
+def found_files(path: Path) -> FoundFiles:
+    """List a folder and all below it, or one file. A link to a folder is not followed: it may lead in a circle."""
+    unreadable: dict[str, str] = {}
+    links: list[Path] = []
+    walked = _walk(path, unreadable, links) if path.is_dir() else [Path(path.name)]
+    files = sorted(walked, key=lambda file: natural_key(file.as_posix()))
+    kinds = (FOUND_IN_FOLDERS, VIDEOS, TABLES, RAW)
+    images, videos, tables, raw = (tuple(file for file in files if file.suffix.lower() in kind) for kind in kinds)
+    for file in raw:
+        unreadable[file.as_posix()] = f"is {file.suffix}, which is not decoded here: save it as JPEG"
+    known = {*images, *videos, *tables, *raw}
+    others = Counter(file.suffix.lower() or file.name for file in files if file not in known)
+    return FoundFiles(images, videos, tables, dict(others), unreadable, tuple(links))
+
+
+def _walk(folder: Path, unreadable: dict[str, str], links: list[Path]) -> Iterator[Path]:
+    def failed(error: OSError) -> None:
+        unreadable[os.path.relpath(error.filename, folder)] = f"cannot be read: {error.strerror}"
+
+    for base, folders, files in os.walk(folder, onerror=failed):
+        here = Path(base).relative_to(folder)
+        folders[:] = [name for name in folders if not name.startswith((".", "__MACOSX"))]
+        links += [here / name for name in folders if (Path(base) / name).is_symlink()]
+        for name in files:
+            path = Path(base) / name
+            if path.exists() and not path.is_file():  # a pipe might never end
+                unreadable[(here / name).as_posix()] = "is no file"
+            elif not name.startswith("."):
+                yield here / name

@@ -1,0 +1,170 @@
+"""What a user's own folder or video holds, and what can be done with it."""
+
+from collections import Counter
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from sextant.applications.inspection.files import found_files
+from sextant.applications.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
+from sextant.applications.inspection.poses import FoundPoses, found_poses
+from sextant.applications.inspection.seen import Seen
+from sextant.applications.inspection.suggestion import Suggestion
+from sextant.applications.inspection.suggestions import suggestions
+from sextant.applications.inspection.times import folders_of_photos
+from sextant.applications.inspection.videos import FoundVideo, found_video
+from sextant.errors import ArgumentError
+from sextant.reporter import SILENT, Advance
+
+Progress = Callable[[str, str], AbstractContextManager[Advance]]
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What was found, and which tasks fit.
+
+    Attributes:
+        seen: what the folder holds.
+        suggestions: tasks that fit, with their commands.
+        remarks: what a user should know beforehand.
+    """
+
+    seen: Seen
+    suggestions: tuple[Suggestion, ...]
+    remarks: tuple[str, ...]
+
+    def facts(self) -> dict[str, Any]:
+        """All of it as plain values: the content of a JSON file."""
+        seen, headers = self.seen, self.seen.headers.values()
+        return {
+            "input": str(seen.given),
+            "images": len(headers),
+            "sizes": [{"width": w, "height": h, "images": n} for (w, h), n in sizes(seen).items()],
+            "cameras": [asdict(each) for each in seen.cameras],
+            "gps": sum(each.gps is not None for each in headers),
+            "gravity": dict(Counter(each.gravity for each in headers if each.gravity)),
+            "panoramas": [path.as_posix() for path in seen.panoramas],
+            "duplicates": [list(group) for group in seen.duplicates],
+            "folders": [
+                {"folder": each.folder.as_posix(), "images": len(each.files), "times_from": each.times_from,
+                 "first_s": each.times_s[0] if each.times_s else None,
+                 "last_s": each.times_s[-1] if each.times_s else None,
+                 "jumps": [{"before": name, "seconds": step} for name, step in each.jumps],
+                 "backwards": list(each.backwards)}
+                for each in seen.folders
+            ],
+            "videos": [asdict(each) for each in seen.videos],
+            "poses": [
+                {"file": each.file.as_posix(), "format": each.format, "poses": each.count, "images": each.posed,
+                 "images_without_pose": each.unposed, "poses_without_image": each.without_image,
+                 "problem": each.problem or None, "remarks": list(each.remarks)}
+                for each in seen.poses
+            ],
+            "unreadable": dict(seen.unreadable),
+            "suggestions": [asdict(each) for each in self.suggestions],
+            "remarks": list(self.remarks),
+        }  # fmt: skip
+
+
+def sizes(seen: Seen) -> dict[tuple[int, int], int]:
+    """How many images have each width and height, the most frequent first."""
+    return dict(Counter((each.width, each.height) for each in seen.headers.values()).most_common())
+
+
+def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspection:
+    """Look at a folder, a photo, a video or a file of poses: by headers, so that thousands of photos take seconds.
+
+    Files of equal size are compared by content, and what has the shape of a panorama is decoded, small.
+
+    Args:
+        input: what to look at.
+        progress: shows how far the work is.
+
+    Raises:
+        ArgumentError: there is no such file or folder.
+
+    Example:
+        >>> found = inspect("photos")  # doctest: +SKIP
+        >>> found.suggestions[0].commands  # doctest: +SKIP
+        ('sextant predict input=photos output=calibrated camera=one',)
+    """
+    given = Path(input).expanduser()
+    if not given.exists():
+        raise ArgumentError(f"input={given}: there is no such file or folder", "Give a folder of photos, or a video.")
+    folder = given if given.is_dir() else given.parent
+    files = found_files(given)
+    with progress("reading headers", "images") as advance:
+        headers, unreadable = read_headers(folder, files.images, advance)
+    with progress("looking for duplicates", "images") as advance:
+        same = duplicates(headers, advance)
+    with progress("looking for panoramas", "images") as advance:
+        around = panoramas(headers, advance)
+    videos: list[FoundVideo] = []
+    for file in files.videos:
+        video = found_video(folder / file, file.as_posix())
+        if isinstance(video, str):
+            unreadable[file.as_posix()] = video
+        else:
+            videos.append(video)
+    tables = [found_poses(folder, file, list(headers)) for file in files.tables]
+    seen = Seen(
+        given, folder, files, headers, camera_groups(list(headers.values())), folders_of_photos(headers), around, same,
+        videos, [each for each in tables if each is not None], {**files.unreadable, **unreadable},
+    )  # fmt: skip
+    return Inspection(seen, tuple(suggestions(seen)), tuple(_remarks(seen)))
+
+
+def _remarks(seen: Seen) -> list[str]:
+    """What is odd, and what follows from it."""
+    said: list[str] = []
+    photos = len(seen.headers) - len(seen.panoramas)
+    if not seen.headers and not seen.videos and not seen.poses:
+        others = ", ".join(f"{count:,} {suffix}" for suffix, count in list(seen.files.others.items())[:5])
+        said.append("no image, video or poses" + (f"; other files: {others}" if others else ": there is nothing here"))
+    if seen.panoramas and photos:
+        said.append(
+            f"{len(seen.panoramas):,} panoramas of 360 degrees among {photos:,} photos, such as "
+            f"{seen.panoramas[0].as_posix()}: no lens took these, and what is for photos refuses them"
+        )
+    if len(seen.cameras) > 1 and photos:
+        said.append(f"photos of {described(seen.cameras)}: camera=one is for those of one at a time")
+    if seen.duplicates:
+        more = sum(len(group) - 1 for group in seen.duplicates)
+        said.append(
+            f"{more:,} images have the content of another, such as {seen.duplicates[0][1]} = {seen.duplicates[0][0]}"
+        )
+    for each in seen.folders:
+        where = each.folder.as_posix()
+        if each.jumps:
+            name, step = each.jumps[0]
+            said.append(
+                f"{where}: {len(each.jumps):,} jumps in time by {each.times_from}, the first of {step:,.1f} s before "
+                f"{name}: one drive should have none"
+            )
+        if each.backwards:
+            said.append(
+                f"{where}: the order of names is not that of time by {each.times_from} at {len(each.backwards):,} "
+                f"places, the first {each.backwards[0]}"
+            )
+        if each.same_stem:
+            said.append(
+                f"{where}: {len(each.same_stem):,} names differ only in suffix or case, such as "
+                f"{each.same_stem[0]} and {each.same_stem[1]}"
+            )
+    said += [f"{link.as_posix()} is a link to a folder and was not followed" for link in seen.files.links]
+    return said + [line for each in seen.poses for line in _remarks_on_poses(each)]
+
+
+def _remarks_on_poses(poses: FoundPoses) -> list[str]:
+    said = [f"{poses.file.as_posix()}: {remark}" for remark in poses.remarks]
+    if poses.problem or poses.images is None:
+        return said
+    if poses.unposed and poses.posed:
+        said.append(f"{poses.file.as_posix()}: {poses.unposed:,} images in {poses.images.as_posix()} have no pose")
+    if poses.without_image:
+        said.append(f"{poses.file.as_posix()}: {poses.without_image:,} poses have no image")
+    if not poses.headings:
+        said.append(f"{poses.file.as_posix()}: no column heading, which localization needs")
+    return said

@@ -1,0 +1,200 @@
+"""Files of poses, whatever their format, and the images that they are of."""
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.localization.pose_formats import read_tum_matrices
+from sextant.data.localization.pose_times import times_of_names
+from sextant.data.places.pose_files import read_pose_table
+from sextant.data.reconstructions import NAMED_FORMATS, named_format, read_reconstruction
+from sextant.data.reconstructions.json_file import read_foreign_json
+from sextant.data.unusable_files import reason_alone
+from sextant.errors import UserError
+from sextant.worlds.trajectories import load_cold, load_kitti_poses
+
+PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "cold"]
+#: bytes that a file is recognised by
+HEAD = 65536
+#: larger JSON is read only if its name is that of a reconstruction
+LARGEST_JSON = 64 * 2**20
+#: a pose this much later or earlier is not of an image
+NEAR_S = 5.0
+UNIT = 0.05  # a quaternion or a row of a rotation has length 1 to within this
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPoses:
+    """A file of poses.
+
+    Attributes:
+        file: relative to the folder that is inspected.
+        format: see :class:`~sextant.data.localization.PoseFolder`, and ``cold``, sequences of that database.
+        count: of poses.
+        images: folder of the images that they may be of, relative; None if there is none.
+        posed: images there that have a pose.
+        unposed: images there that have none.
+        without_image: poses without an image.
+        headings: they include where images look.
+        times_s: first and last, of TUM's format.
+        problem: why it cannot be used; "" if it can.
+        remarks: what a reader should know.
+        poses: ``world_from_body`` of those in space.
+        names: of images, where poses have names.
+    """
+
+    file: Path
+    format: PosesFormat
+    count: int = 0
+    images: Path | None = None
+    posed: int = 0
+    unposed: int = 0
+    without_image: int = 0
+    headings: bool = True
+    times_s: tuple[float, float] | None = None
+    problem: str = ""
+    remarks: tuple[str, ...] = ()
+    poses: Float64[ndarray, "n 4 4"] | None = None
+    names: tuple[str, ...] = field(default=(), repr=False)
+
+
+def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses | None:
+    """The poses of a file; None if it has none.
+
+    Args:
+        folder: that is inspected.
+        file: relative to it.
+        images: that can be read, relative to it.
+    """
+    kind = _format(folder / file)
+    if kind is None:
+        return None
+    around = _images_around(file, images)
+    own = [] if around is None else [path for path in images if path.is_relative_to(around)]
+    try:
+        return _read(folder, file, kind, around, own)
+    except UserError as error:
+        return FoundPoses(file, kind, images=around, problem=reason_alone(str(folder / file), error.problem))
+
+
+def _format(path: Path) -> PosesFormat | None:
+    """By the name and the beginning of a file."""
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        return _format_of_json(path)
+    lines = [] if suffix == ".bin" else _first_lines(path)
+    if suffix == ".csv":
+        header = {word.strip().lower() for word in next(csv.reader(lines[:1], skipinitialspace=True), [])}
+        return "csv" if {"file", "x", "y"} <= header else None
+    numbers = [_float(word) for word in lines[0].split()] if lines else []
+    if None in numbers or len(numbers) not in (8, 12):
+        return named_format(path)
+    values = np.array(numbers, np.float64)
+    rows = values[4:][None] if len(values) == 8 else values.reshape(3, 4)[:, :3]
+    lengths = np.linalg.norm(rows, axis=1)  # of a quaternion, or of the rows of a rotation
+    if not bool((np.isnan(lengths) | (np.abs(lengths - 1) < UNIT)).all()):
+        return None
+    return "tum" if len(values) == 8 else "kitti"
+
+
+def _first_lines(path: Path) -> list[str]:
+    """Lines that are no comment; of a file that cannot be read, none."""
+    try:
+        with path.open("rb") as opened:
+            text = opened.read(HEAD).decode("utf-8-sig", "replace")
+    except OSError:
+        return []
+    return [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _format_of_json(path: Path) -> PosesFormat | None:
+    named = path.name.startswith(("reconstruction", "transforms"))
+    try:
+        if not named and path.stat().st_size > LARGEST_JSON:
+            return None
+    except OSError:
+        return None
+    try:
+        content: Any = read_foreign_json(path, "")
+    except UserError:
+        return named_format(path) if named else None
+    if isinstance(content, dict) and {"im_paths", "poses"} <= set(content):
+        return "cold"
+    if isinstance(content, dict) and isinstance(content.get("frames"), list):
+        return "nerfstudio"
+    shots = isinstance(content, list) and any(isinstance(each, dict) and "shots" in each for each in content)
+    return "opensfm" if shots else None
+
+
+def _images_around(file: Path, images: Sequence[Path]) -> Path | None:
+    """The nearest folder around a file that has images: ``sparse/0/images.bin`` lies two below it.
+
+    Where it has a folder ``images``, as with COLMAP and nerfstudio, it is that one: smaller copies lie beside it.
+    """
+    parents = (inner for folder in file.parents for inner in (folder / "images", folder))
+    return next((folder for folder in parents if any(path.is_relative_to(folder) for path in images)), None)
+
+
+def _read(folder: Path, file: Path, kind: PosesFormat, around: Path | None, images: list[Path]) -> FoundPoses:
+    path = folder / file
+    if kind == "csv":
+        table = read_pose_table(path)
+        names = {name for name in table if (path.parent / name).is_file()}
+        told = {image.relative_to(file.parent).as_posix() for image in images if image.is_relative_to(file.parent)}
+        posed = len(told & set(table))
+        headings = all(pose.heading_deg is not None for pose in table.values())
+        return FoundPoses(
+            file, kind, len(table), around, posed, len(images) - posed, len(table) - len(names), headings,
+        )  # fmt: skip
+    if kind in NAMED_FORMATS:
+        found = read_reconstruction(path, kind)
+        rows = found.rows_of([image.as_posix() for image in images])
+        own = [image for image, row in zip(images, rows, strict=True) if row is not None]
+        if own and len(own) < len(images):  # those of another split, for example
+            around = Path(os.path.commonpath([image.parent for image in own]))
+            images = [image for image in images if image.is_relative_to(around)]
+        return FoundPoses(
+            file, kind, len(found.images), around, len(own), len(images) - len(own), len(found.images) - len(own),
+            remarks=found.remarks, poses=found.poses, names=tuple(found.names),
+        )  # fmt: skip
+    if kind == "cold":
+        return FoundPoses(file, kind, len(load_cold(path).poses))
+    if kind == "kitti":
+        poses, times = load_kitti_poses(path), None
+    else:
+        times, poses = read_tum_matrices(path)
+    span = None if times is None else (float(times[0]), float(times[-1]))
+    posed, without, remarks = _by_time_or_number(len(poses), times, images)
+    return FoundPoses(
+        file, kind, len(poses), around, posed, len(images) - posed, without, times_s=span, remarks=remarks, poses=poses
+    )
+
+
+def _by_time_or_number(
+    count: int, times_s: Float64[ndarray, "n"] | None, images: list[Path]
+) -> tuple[int, int, tuple[str, ...]]:
+    """How many images have a pose, how many poses no image, and what to say of that."""
+    taken = None if times_s is None or not images else times_of_names(images)
+    if taken is None or times_s is None:
+        if len(images) in (0, count):
+            return len(images), count - len(images), ()
+        remark = f"{count:,} poses for {len(images):,} images, and no times that tell which belong together"
+        return 0, 0, (remark,)
+    after = np.clip(np.searchsorted(times_s, taken), 1, max(1, count - 1))
+    gaps = np.minimum(np.abs(taken - times_s[after - 1]), np.abs(taken - times_s[np.minimum(after, count - 1)]))
+    posed = int((gaps <= NEAR_S).sum())
+    return posed, 0, () if posed else ("no pose is near in time to an image: do both use the same clock?",)
+
+
+def _float(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None

@@ -1,0 +1,47 @@
+"""A task that fits, and its commands."""
+
+import re
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A task that fits what was found.
+
+    Attributes:
+        task: what it does.
+        why: what of the folder speaks for it, and what the user has to see to.
+        commands: to be copied; ``<run>`` stands for a run of the user's.
+    """
+
+    task: str
+    why: str
+    commands: tuple[str, ...]
+
+
+def command(verb: str, *words: str, **values: object) -> str:
+    """``sextant <verb> ... key=value ...``, each word quoted for a shell; ``run=<run>`` stays as it is."""
+    quoted = [shlex.quote(word) for word in (*words, *(f"{key}={value}" for key, value in values.items()))]
+    return " ".join(["sextant", verb, *quoted]).replace("'run=<run>'", "run=<run>")
+
+
+def override(path: Path | str) -> str:
+    """A path as a value of Hydra's grammar: in quotation marks where it has more than plain characters."""
+    text = str(path)
+    if re.fullmatch(r"[\w./+-]+", text, re.ASCII):
+        return text
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def overrides_of(folders: Mapping[str, Path]) -> str:
+    """Folders by name as a mapping of Hydra's grammar: ``{run: run}``."""
+    return "{" + ", ".join(f"{name}: {override(folder)}" for name, folder in folders.items()) + "}"
+
+
+def plain_name(text: str) -> str:
+    """A name that is a key of a config."""
+    name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
+    return name if name and not name[0].isdigit() else f"run_{name}"

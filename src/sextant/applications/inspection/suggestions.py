@@ -1,0 +1,145 @@
+"""Which tasks fit what was found, with commands to copy."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from sextant.applications.inspection.drives import localization
+from sextant.applications.inspection.known import known_cameras, level_panoramas, standard_sets
+from sextant.applications.inspection.photos import camera_groups, described
+from sextant.applications.inspection.seen import Seen
+from sextant.applications.inspection.suggestion import Suggestion, command, override
+from sextant.applications.inspection.trajectory_pairs import trajectory_pairs
+from sextant.applications.inspection.traverses import ImageFolders, image_folders
+from sextant.data.photos.header import PhotoHeader
+
+#: shorter side of photos that say something of their camera, pixels
+SMALLEST_PHOTO = 200
+#: commands for folders of one camera each, at most
+CAMERAS = 4
+#: images of a class, panoramas and focal lengths that are worth a command
+LEAST_OF_A_CLASS, LEAST_PANORAMAS, LEAST_FOCALS = 5, 3, 5
+
+
+def suggestions(seen: Seen) -> Iterator[Suggestion]:
+    """Tasks that fit, those first that need the least."""
+    photos = {file: header for file, header in seen.headers.items() if file not in set(seen.panoramas)}
+    folders = image_folders(seen)
+    yield from _calibration(seen, photos)
+    yield from _benchmark(seen, photos)
+    yield from _panoramas(seen)
+    yield from _places(seen, folders)
+    yield from localization(seen)
+    yield from _classes(seen, folders)
+    yield from _example(seen, photos)
+    yield from trajectory_pairs(seen)
+    for overrides, base in standard_sets(seen.folder).items():
+        words = [*overrides.split(), f"paths.data={override(base)}"]
+        yield Suggestion(
+            "train on a published set", f"{words[-2]} lies here as it is published", (command("train", *words),)
+        )
+
+
+def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion]:
+    fine = {file: each for file, each in photos.items() if min(each.width, each.height) >= SMALLEST_PHOTO}
+    if not fine or len(fine) < len(photos) / 2:
+        return
+    by_folder: dict[Path, list[PhotoHeader]] = {}
+    for file, header in fine.items():
+        by_folder.setdefault(file.parent, []).append(header)
+    groups = camera_groups(list(fine.values()))
+    each_its_own = all(len(camera_groups(headers)) == 1 and len(headers) > 1 for headers in by_folder.values())
+    commands, why = list[str](), f"{len(fine):,} photos"
+    if len(groups) > 1 and each_its_own and 1 < len(by_folder) <= CAMERAS:
+        why += ", each folder of one camera"
+        for place in by_folder:
+            output = f"calibrated/{place.name}"
+            commands.append(command("predict", input=seen.folder / place, output=output, camera="one"))
+    else:
+        one = {"camera": "one"} if len(groups) == 1 and len(fine) > 1 else {}
+        if one:
+            unnamed = "of one size: if one camera with one zoom took them all"
+            why += f" of one camera ({groups[0].camera})" if groups[0].camera else f" {unnamed}"
+        elif len(fine) > 1:
+            why += f" of {described(groups)}, each by itself"
+        commands.append(command("predict", input=seen.given, output="calibrated", **one))
+    if all(header.focal_px for header in fine.values()):
+        why += "; all have a focal length in EXIF: focal_prior=exif uses it"
+    yield Suggestion("calibrate the photos", why, tuple(commands))
+
+
+def _benchmark(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion]:
+    known = known_cameras(seen.folder, seen.files.tables, photos)
+    known |= level_panoramas(seen.folder, seen.files.tables, seen.panoramas)
+    if not known and sum(header.focal_px is not None for header in photos.values()) >= LEAST_FOCALS:
+        known = {Path(): "focal lengths in EXIF"}
+    if known:
+        commands = [command("benchmark", "calibration", folder=seen.folder / place) for place in known]
+        why = f"the truth lies beside: {', '.join(dict.fromkeys(known.values()))}"
+        yield Suggestion("measure calibration on photos of known cameras", why, tuple(commands))
+
+
+def _panoramas(seen: Seen) -> Iterator[Suggestion]:
+    around = set(seen.panoramas)
+    if len(around) < LEAST_PANORAMAS:
+        return
+    if len(around) == len(seen.headers):
+        pure = [Path()]
+    else:
+        pure = [f.folder for f in seen.folders if around.issuperset(f.files) and len(f.files) >= LEAST_PANORAMAS]
+    commands = [
+        command(
+            "train", "task=calibration", "dataset=panorama_folder", f"dataset.folder={override(seen.folder / each)}"
+        )
+        for each in pure
+    ]
+    why = f"{len(around):,} panoramas, from which photos of known cameras are cut; they must be level"
+    if not pure:
+        why += "; first move them into a folder of their own"
+    yield Suggestion("train a calibration network on the panoramas", why, tuple(commands))
+
+
+def _places(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
+    if len(folders.traverses) < 2:
+        return
+    reference, *others = folders.traverses
+    known = {} if folders.places == "none" else {"places": folders.places}
+    commands = [
+        command(
+            "predict", run="<run>", map=seen.folder / reference, queries=seen.folder / other,
+            output=f"matches/{other.name}", **known,
+        )
+        for other in others[:CAMERAS]
+    ]  # fmt: skip
+    said = {
+        "name": "equal names are taken for equal places",
+        "csv": "their tables say where each image was taken",
+        "utm": "their names say where each image was taken",
+        "none": "add places=order if the i-th images show one place",
+    }
+    why = f"{len(others) + 1} folders, {reference.as_posix()} as the map; {said[folders.places]}"
+    trained = "the first command trains a network on a town that is rendered; <run> is the run it prints"
+    yield Suggestion("recognise places", f"{why}; {trained}", (command("train", "task=place_recognition"), *commands))
+
+
+def _classes(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
+    if len(folders.classes) < 2 or min(folders.classes.values()) < LEAST_OF_A_CLASS:
+        return
+    words = ("dataset=image_folder", f"dataset.folder={override(seen.folder / folders.base)}")
+    names = sorted(folders.classes)
+    why = f"{len(names):,} folders of images, {names[0]} to {names[-1]}: if each is a class"
+    yield Suggestion("classify images", why, (command("train", *words),))
+
+
+def _example(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Suggestion]:
+    first = next(iter(photos), None)
+    if first is None or len(photos) < 2 or min(photos[first].width, photos[first].height) < SMALLEST_PHOTO:
+        return
+    point = f"{photos[first].width // 2},{photos[first].height // 2}"
+    yield Suggestion(
+        "find what one example shows",
+        "point= is the pixel of the example, here the middle of the first photo",
+        (
+            command("predict", "task=cosfire", prototype=seen.folder / first, point=point, input=seen.given,
+                    output="detections"),
+        ),
+    )  # fmt: skip

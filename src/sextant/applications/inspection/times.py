@@ -1,0 +1,75 @@
+"""When photos were taken, and whether that is their order."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sextant.data.localization.pose_times import times_of_names
+from sextant.data.photos.header import PhotoHeader
+from sextant.data.places.image_files import natural_key
+
+#: a step in time is a jump if it is so many times the usual one, and longer than so many seconds
+JUMP, JUMP_S = 10.0, 5.0
+
+
+@dataclass(frozen=True)
+class FolderOfPhotos:
+    """The photos of one folder, in the natural order of their names.
+
+    Attributes:
+        folder: relative to the one that is inspected.
+        files: relative too.
+        times_from: what tells when each was taken; None if nothing does for all of them.
+        times_s: seconds of each, or None.
+        jumps: names of photos before which much more time passes than usual, with these seconds.
+        backwards: names of photos that were taken before the one ahead of them.
+        same_stem: names that differ in their suffix, or in upper and lower case, alone.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    times_from: Literal["EXIF", "names"] | None
+    times_s: tuple[float, ...] | None
+    jumps: tuple[tuple[str, float], ...]
+    backwards: tuple[str, ...]
+    same_stem: tuple[str, ...]
+
+
+def folders_of_photos(headers: Mapping[Path, PhotoHeader]) -> list[FolderOfPhotos]:
+    """The folders that photos lie in, each with what is known of its order."""
+    by_folder: dict[Path, list[Path]] = {}
+    for file in headers:
+        by_folder.setdefault(file.parent, []).append(file)
+    return [_folder(folder, files, headers) for folder, files in by_folder.items()]
+
+
+def _folder(folder: Path, files: list[Path], headers: Mapping[Path, PhotoHeader]) -> FolderOfPhotos:
+    files = sorted(files, key=lambda file: natural_key(file.name))
+    named = times_of_names(files)
+    source, times = ("names", named) if named is not None else _exif_times(files, headers)
+    jumps: list[tuple[str, float]] = []
+    backwards: list[str] = []
+    if times is not None and len(times) > 1:
+        steps = np.diff(times)
+        usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+        jumps = [
+            (files[i + 1].name, float(steps[i])) for i in np.flatnonzero(steps > max(JUMP * usual, JUMP_S)).tolist()
+        ]
+        backwards = [files[i + 1].name for i in np.flatnonzero(steps < 0).tolist()]
+    stems = Counter(file.stem.lower() for file in files)
+    twice = tuple(file.name for file in files if stems[file.stem.lower()] > 1)
+    return FolderOfPhotos(
+        folder, tuple(files), None if times is None else source, None if times is None else tuple(times.tolist()),
+        tuple(jumps), tuple(backwards), twice,
+    )  # fmt: skip
+
+
+def _exif_times(
+    files: Sequence[Path], headers: Mapping[Path, PhotoHeader]
+) -> tuple[Literal["EXIF", "names"], np.ndarray | None]:
+    taken = [headers[file].taken_s for file in files]
+    return "EXIF", None if None in taken else np.array(taken, np.float64)

@@ -1,0 +1,58 @@
+"""``sextant inspect``: what a folder or a video of the user's own holds, which tasks fit, and the commands for them."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+from rich.markup import escape
+
+from sextant.cli.arguments import Options, UserPath
+from sextant.cli.console import console, key_value_table
+from sextant.cli.skipped_files import tell_skipped
+from sextant.cli.work_progress import work_progress
+from sextant.errors import UserError
+
+if TYPE_CHECKING:
+    from sextant.applications.inspection import Inspection
+
+USAGE = "sextant inspect <folder, photo, video or file of poses> [json=inspection.json]"
+
+
+class InspectOptions(Options):
+    """What the user chose."""
+
+    input: UserPath
+    """what is looked at; the key may be left out"""
+    json_file: UserPath | None = Field(None, alias="json")
+    """a file for all that was found, every file named"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Show what was found, what is odd about it, and commands to copy."""
+    bare = [word for word in arguments if "=" not in word and not word.startswith("-")]
+    words = [f"input={word}" if word in bare[:1] else word for word in arguments]
+    options = InspectOptions.parse(words, USAGE)
+    from sextant.applications.inspection import inspect, summary
+    from sextant.atomic_files import write_json
+
+    found = inspect(options.input, work_progress)
+    console.print(key_value_table(str(options.input), summary(found.seen)))
+    tell_skipped(found.seen.unreadable, "Cannot be read")
+    for remark in found.remarks:
+        console.print(f"[yellow]note:[/] {escape(remark)}", soft_wrap=True)
+    _tell_suggestions(found)
+    if options.json_file:
+        try:
+            write_json(options.json_file, found.facts())
+        except OSError as error:
+            raise UserError(f"json={options.json_file} cannot be written: {error.strerror}") from None
+        console.print(escape(str(options.json_file)))
+
+
+def _tell_suggestions(found: "Inspection") -> None:
+    for each in found.suggestions:
+        console.print(f"\n[bold]{escape(each.task)}[/]: {escape(each.why)}", soft_wrap=True)
+        for command in each.commands:
+            console.print(f"  {escape(command)}", soft_wrap=True)
+    if not found.suggestions:
+        console.print("no task fits")

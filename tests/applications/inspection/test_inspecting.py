@@ -1,0 +1,146 @@
+"""What is said of a user's own folder, however broken it is; and that every command is one that Sextant understands."""
+
+import json
+import os
+import shlex
+from pathlib import Path
+
+import pytest
+from applications.inspection.folders import FOLDERS, drives, photo, photos
+from docs_commands import Command, check
+
+from sextant.applications.inspection import inspect, summary
+from sextant.data.localization import PoseFolder
+from sextant.data.photos.gps import GpsPosition
+from sextant.errors import UserError
+
+
+def said_of(found):
+    """All that a user is shown, a line each."""
+    lines = [f"{name}: {text}" for name, text in summary(found.seen).items()]
+    lines += [f"{name}: {why}" for name, why in found.seen.unreadable.items()]
+    for each in found.suggestions:
+        lines += [f"{each.task}: {each.why}", *each.commands]
+    return "\n".join([*lines, *found.remarks])
+
+
+def paths_of(command):
+    """Files and folders that a command reads, as Hydra and the shell would see them."""
+    values = dict(word.split("=", 1) for word in shlex.split(command) if "=" in word)
+    keys = ("input", "map", "queries", "prototype", "folder", "paths.data", "dataset.folder")
+    bare = [word for word in shlex.split(command)[2:] if "=" not in word and word != "calibration"]
+    quoted = [values[key] for key in keys if key in values] + bare
+    return [Path(text[1:-1].replace('\\"', '"') if text.startswith('"') else text) for text in quoted]
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_folder_is_told_and_its_commands_are_understood(name, tmp_path):
+    make, expected = FOLDERS[name]
+    make(tmp_path)
+    found = inspect(tmp_path)
+    said = said_of(found)
+    for text in expected:
+        assert text in said, said
+    facts = json.loads(json.dumps(found.facts()))
+    assert facts["images"] == len(found.seen.headers)
+    for each in found.suggestions:
+        for command in each.commands:
+            check(Command("guide.md", command))
+            assert all(path.exists() for path in paths_of(command)), command
+
+
+@pytest.mark.parametrize("form", ["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio"])
+def test_the_drives_that_a_command_names_can_be_read(form, tmp_path):
+    drives(tmp_path, form)
+    (command,) = next(each.commands for each in inspect(tmp_path).suggestions if each.task.startswith("localize"))
+    values = dict(word.removeprefix("dataset.").split("=", 1) for word in shlex.split(command) if "dataset." in word)
+    values["test"] = dict([values["test"].strip("{}").replace('"', "").split(": ")])
+    data = PoseFolder(**values, height=16, width=24).read()
+    assert [drive.name for drive in data.test] == ["evening_run_images" if form == "colmap" else "evening_run"]
+    assert len(data.map) == 8
+
+
+def test_no_suggestion_is_made_of_nothing(tmp_path):
+    assert inspect(tmp_path).suggestions == ()
+
+
+def test_positions_and_times_of_headers(tmp_path):
+    gps = {1: "S", 2: (33.0, 30.0, 0.0), 3: "E", 4: (151.0, 0.0, 36.0), 5: b"\x01", 6: 12.0}
+    photo(tmp_path / "a.jpg", gps=gps, taken=90)
+    (header,) = inspect(tmp_path).seen.headers.values()
+    assert header.gps == GpsPosition(pytest.approx(-33.5), pytest.approx(151.01), -12.0)
+    assert header.taken_s == 1714557690  # 2024-05-01 10:01:30
+    assert inspect(tmp_path / "a.jpg").facts()["gps"] == 1
+
+
+def test_folders_of_one_camera_each_are_calibrated_apart(tmp_path):
+    photos(tmp_path / "phone", camera=("Apple", "iPhone 12"))
+    photos(tmp_path / "zoom", camera=("Canon", "Canon EOS 5D"), focal=50)
+    assert inspect(tmp_path).suggestions[0].commands == (
+        f"sextant predict input={tmp_path}/phone output=calibrated/phone camera=one",
+        f"sextant predict input={tmp_path}/zoom output=calibrated/zoom camera=one",
+    )
+
+
+def test_what_may_not_be_read_is_named(tmp_path, monkeypatch):
+    """Root may read everything, so the refusals are made here."""
+    photos(tmp_path / "mine")
+    photos(tmp_path / "theirs")
+
+    def refused(path):
+        if Path(path).name == "theirs":
+            raise PermissionError(13, "Permission denied", str(path))
+        return scan(path)
+
+    scan = os.scandir
+    monkeypatch.setattr(os, "scandir", refused)
+    assert inspect(tmp_path).seen.unreadable == {"theirs": "cannot be read: Permission denied"}
+    monkeypatch.undo()
+
+    def closed(path, **_):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("PIL.Image.open", closed)
+    assert inspect(tmp_path / "mine").seen.unreadable["0.jpg"] == "cannot be read: Permission denied"
+
+
+def test_photos_are_read_by_their_headers_alone(tmp_path, monkeypatch):
+    photos(tmp_path, 5)
+    monkeypatch.setattr("PIL.ImageFile.ImageFile.load", lambda image: pytest.fail("it was decoded"))
+    steps = []
+
+    class Advance:
+        def __enter__(self):
+            return lambda done, total: steps.append((done, total))
+
+        def __exit__(self, *_):
+            pass
+
+    assert len(inspect(tmp_path, lambda what, unit: Advance()).seen.headers) == 5
+    assert steps[:5] == [(k, 5) for k in range(1, 6)]
+
+
+def test_what_is_not_there_is_one_message(tmp_path):
+    with pytest.raises(UserError, match=r"input=.*nowhere: there is no such file or folder"):
+        inspect(tmp_path / "nowhere")
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    ("folder", "expected"),
+    [
+        ("photos", ["gravity: 10 by accelerometer (Mapillary)", "GPS: 10 images", "output=calibrated/lund camera"]),
+        ("panoramas", ["panoramas: 88", "dataset=panorama_folder"]),
+        ("essex3in1", ["2 folders, reference as the map; equal names"]),
+        ("kitti", ["poses/00.txt", "1 pairs of files"]),
+        ("cold", ["map.json (cold): 4,111 poses", "dataset=cold"]),
+        ("york_urban", ["the truth lies beside: york_urban.csv"]),
+        ("butterflies", ["5 folders of images, 001 to 009: if each is a class"]),
+    ],
+)  # fmt: skip
+def test_real_sets_are_recognised(folder, expected, real_data):
+    found = inspect(real_data / folder)
+    for text in expected:
+        assert text in said_of(found), said_of(found)
+    for command in (command for each in found.suggestions for command in each.commands):
+        check(Command("guide.md", command))
