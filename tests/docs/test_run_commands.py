@@ -78,7 +78,7 @@ NOT_RUN = {
     r"^sextant inspect": "needs photos of one's own; tests/applications/inspection, tests/cli/test_inspect.py",
     r"^sextant trajectory": "needs two trajectories; tests/cli/test_trajectory.py runs it on files of that kind",
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",
-    r"^make (setup|run|test|lint|lock|worlds-gallery|gpu-check)": "installs, or takes minutes",
+    r"^make (setup|run|test|lint|lock|docs|worlds-gallery|gpu-check)": "installs, or takes minutes",
     r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",
     r"^source ": "an environment of the user's own",
 }
