@@ -215,6 +215,13 @@ def _video(folder):
     video.release()
 
 
+def _bags(folder):
+    """By their names: what is in them is read by who localizes them."""
+    (folder / "first.bag").touch()
+    (folder / "second").mkdir()
+    (folder / "second" / "metadata.yaml").touch()
+
+
 def _bomb(folder):
     """Headers of pictures that nobody could decode."""
     for name, width in (("wide.ppm", 60_000), ("square.ppm", 30_000)):
@@ -313,6 +320,7 @@ FOLDERS = {
     "the same twice": (_twice, ["1 images have the content of another, such as copy.jpg = 0.jpg", "1.jpg and 1.png"]),
     "videos that do not decode": (_broken_video, ["walk.mp4: cannot be opened as a video", "empty.avi: is empty"]),
     "a video": (_video, ["walk.avi: 20 frames of 96x64, 2.0 s", "every=10"]),
+    "recordings": (_bags, ["recordings: first.bag\nsecond", "second every=10 output=localization/second"]),
     "too large to decode": (_bomb, ["60000x30000 (1)", "30000x30000 (1)"]),
     "two trajectories": (_trajectories, ["sextant trajectory ", "groundtruth.txt ", "1 pairs of files"]),
     "names with UTM": (_utm, ["2 folders, database as the map; their names say", "places=utm"]),

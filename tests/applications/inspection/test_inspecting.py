@@ -6,13 +6,26 @@ import shlex
 from pathlib import Path
 
 import pytest
-from applications.inspection.folders import FOLDERS, drives, photo, photos
+from applications.inspection.folders import FOLDERS, apple_note, drives, photo, photos
 from docs_commands import Command, check
+from fuzzing import fuzz
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sextant.applications.inspection import inspect, summary
 from sextant.data.localization import PoseFolder
 from sextant.data.photos.gps import GpsPosition
 from sextant.errors import UserError
+
+#: of a drive, by the name of the format
+POSE_FILES = {
+    "csv": "poses.csv",
+    "tum": "poses.txt",
+    "kitti": "poses.txt",
+    "colmap": "images.bin",
+    "opensfm": "reconstruction.json",
+    "nerfstudio": "transforms.json",
+}
 
 
 def said_of(found):
@@ -118,6 +131,38 @@ def test_photos_are_read_by_their_headers_alone(tmp_path, monkeypatch):
 
     assert len(inspect(tmp_path, lambda what, unit: Advance()).seen.headers) == 5
     assert steps[:5] == [(k, 5) for k in range(1, 6)]
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    """Files of poses and photos that can be read, and a folder for damaged ones."""
+    folder = tmp_path_factory.mktemp("good")
+    for form in ("csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio"):
+        drives(folder / form, form)
+    tables = [next(folder.glob(f"{form}/map/**/{name}")) for form, name in POSE_FILES.items()]
+    tagged = photo(
+        folder / "a.jpg", camera=("Apple", "iPhone 12"), taken=5, note=apple_note(8), gps={1: "N", 2: (1, 2, 3)}
+    )
+    damaged = tmp_path_factory.mktemp("damaged")
+    return [(path.name, path.read_bytes()) for path in (*tables, tagged, photo(folder / "b.png"))], damaged
+
+
+@fuzz
+@given(
+    which=st.integers(0, 7),
+    edits=st.lists(st.tuples(st.integers(0, 3000), st.integers(0, 9), st.binary(max_size=6)), min_size=1, max_size=5),
+)
+def test_damage_anywhere_is_a_line_and_no_traceback(good, which, edits):
+    files, folder = good
+    name, content = files[which]
+    for at, cut, piece in edits:
+        at %= len(content) or 1
+        content = content[:at] + piece + content[at + cut :]
+    (folder / name).write_bytes(content)
+    try:
+        json.dumps(inspect(folder / name).facts(), allow_nan=False)
+    finally:
+        (folder / name).unlink()
 
 
 def test_what_is_not_there_is_one_message(tmp_path):

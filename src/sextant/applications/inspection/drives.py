@@ -14,6 +14,8 @@ from sextant.data.localization.plane import AHEAD, PLANES, Ahead, to_plane
 from sextant.data.localization.pose_folder import FILES, PoseFormat
 from sextant.errors import ArgumentError
 
+#: videos and recordings that get a command, at most
+MOST_STREAMS = 4
 #: metres: shorter steps tell nothing of where a body looks
 STEP = 1e-3
 #: the body's axis that is upright where another looks ahead: y of a camera points down, z of a robot up
@@ -25,12 +27,15 @@ LEVEL = 0.7
 def localization(seen: Seen) -> Iterator[Suggestion]:
     """Localization in a map of the user's own, and in one of a run for a video."""
     yield from _of_poses(seen)
-    if seen.videos:
-        name = seen.folder / seen.videos[0].name
+    streams = [seen.folder / each.name for each in seen.videos] + [seen.folder / bag for bag in seen.files.recordings]
+    if streams:
         yield Suggestion(
-            "localize a video in a map",
-            "<run> is a run of task=localization, whose map has these places; every=10 takes each tenth frame",
-            (command("predict", run="<run>", input=name, every=10, output="localization"),),
+            "localize a video or a recording in a map",
+            "<run> is a run of task=localization, whose map has these places; every=10 takes each tenth image",
+            tuple(
+                command("predict", run="<run>", input=name, every=10, output=f"localization/{name.stem}")
+                for name in streams[:MOST_STREAMS]
+            ),
         )
 
 

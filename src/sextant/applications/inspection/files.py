@@ -16,6 +16,10 @@ RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 TABLES = (".txt", ".csv", ".tum", ".kitti", ".json", ".bin")
 
 
+#: the file by which a folder is a bag of ROS 2
+METADATA = "metadata.yaml"
+
+
 @dataclass(frozen=True)
 class FoundFiles:
     """Files below a folder, relative to it, in natural order; hidden ones are left out.
@@ -23,6 +27,7 @@ class FoundFiles:
     Attributes:
         images, videos: by their suffixes.
         tables: that may hold poses.
+        recordings: ROS bags: files of ROS 1, folders of ROS 2.
         others: how many there are of each other suffix.
         unreadable: reasons by file or folder.
         links: folders that are links, which are not followed.
@@ -31,6 +36,7 @@ class FoundFiles:
     images: tuple[Path, ...]
     videos: tuple[Path, ...]
     tables: tuple[Path, ...]
+    recordings: tuple[Path, ...]
     others: dict[str, int]
     unreadable: dict[str, str]
     links: tuple[Path, ...]
@@ -46,9 +52,14 @@ def found_files(path: Path) -> FoundFiles:
     images, videos, tables, raw = (tuple(file for file in files if file.suffix.lower() in kind) for kind in kinds)
     for file in raw:
         unreadable[file.as_posix()] = f"is {file.suffix}, which is not decoded here: save it as JPEG"
-    known = {*images, *videos, *tables, *raw}
+    bags = {file.parent if file.name == METADATA else file for file in files if file.name == METADATA or _is_bag(file)}
+    known = {*images, *videos, *tables, *raw, *bags}
     others = Counter(file.suffix.lower() or file.name for file in files if file not in known)
-    return FoundFiles(images, videos, tables, dict(others), unreadable, tuple(links))
+    return FoundFiles(images, videos, tables, tuple(sorted(bags)), dict(others), unreadable, tuple(links))
+
+
+def _is_bag(file: Path) -> bool:
+    return file.suffix.lower() == ".bag"
 
 
 def _walk(folder: Path, unreadable: dict[str, str], links: list[Path]) -> Iterator[Path]:

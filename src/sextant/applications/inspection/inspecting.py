@@ -56,6 +56,7 @@ class Inspection:
                 for each in seen.folders
             ],
             "videos": [asdict(each) for each in seen.videos],
+            "recordings": [path.as_posix() for path in seen.files.recordings],
             "poses": [
                 {"file": each.file.as_posix(), "format": each.format, "poses": each.count, "images": each.posed,
                  "images_without_pose": each.unposed, "poses_without_image": each.without_image,
@@ -120,9 +121,12 @@ def _remarks(seen: Seen) -> list[str]:
     """What is odd, and what follows from it."""
     said: list[str] = []
     photos = len(seen.headers) - len(seen.panoramas)
-    if not seen.headers and not seen.videos and not seen.poses:
+    if not seen.headers and not seen.videos and not seen.poses and not seen.files.recordings:
         others = ", ".join(f"{count:,} {suffix}" for suffix, count in list(seen.files.others.items())[:5])
-        said.append("no image, video or poses" + (f"; other files: {others}" if others else ": there is nothing here"))
+        said.append(
+            "no image, video, recording or poses"
+            + (f"; other files: {others}" if others else ": there is nothing here")
+        )
     if seen.panoramas and photos:
         said.append(
             f"{len(seen.panoramas):,} panoramas of 360 degrees among {photos:,} photos, such as "

@@ -73,15 +73,16 @@ def found_poses(folder: Path, file: Path, images: Sequence[Path]) -> FoundPoses 
         file: relative to it.
         images: that can be read, relative to it.
     """
-    kind = _format(folder / file)
-    if kind is None:
-        return None
-    around = _images_around(file, images)
-    own = [] if around is None else [path for path in images if path.is_relative_to(around)]
-    try:
-        return _read(folder, file, kind, around, own)
-    except UserError as error:
-        return FoundPoses(file, kind, images=around, problem=reason_alone(str(folder / file), error.problem))
+    with np.errstate(all="ignore"):  # numbers of damaged files may be of any size
+        kind = _format(folder / file)
+        if kind is None:
+            return None
+        around = _images_around(file, images)
+        own = [] if around is None else [path for path in images if path.is_relative_to(around)]
+        try:
+            return _read(folder, file, kind, around, own)
+        except UserError as error:
+            return FoundPoses(file, kind, images=around, problem=reason_alone(str(folder / file), error.problem))
 
 
 def _format(path: Path) -> PosesFormat | None:

@@ -29,6 +29,7 @@ def summary(seen: Seen) -> dict[str, str]:
         "duplicates": f"{sum(len(group) - 1 for group in seen.duplicates):,}" if seen.duplicates else "",
         "order in time": _listed(_span(each) for each in seen.folders if each.times_s and len(each.files) > 1),
         "videos": _listed(map(_video, seen.videos)),
+        "recordings": _listed(path.as_posix() for path in seen.files.recordings),
         "poses": _listed(map(_poses, seen.poses)),
         "cannot be read": f"{len(seen.unreadable):,}" if seen.unreadable else "",
     }

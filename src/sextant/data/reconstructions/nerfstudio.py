@@ -58,7 +58,11 @@ def _image(frame: Mapping[str, Any], common: Mapping[str, Any]) -> PosedImage | 
     if matrix is None:
         return None
     rotation = matrix[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+    if (
+        np.abs(rotation).max() > 2
+        or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE
+        or np.linalg.det(rotation) < 0
+    ):
         return None
     pose = matrix @ DOWN_FORWARD
     pose[3] = (0, 0, 0, 1)

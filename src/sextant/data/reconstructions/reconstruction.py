@@ -1,5 +1,6 @@
 """Posed images, whichever program found their poses."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -114,7 +115,7 @@ def inverted(rotation: Float64[ndarray, "3 3"], translation: Float64[ndarray, "3
 
 def rotation_of(quaternion: Float64[ndarray, "4"]) -> Float64[ndarray, "3 3"] | None:
     """The rotation of (w, x, y, z), or None where its length is not 1."""
-    length = float(np.linalg.norm(quaternion))
+    length = math.hypot(*quaternion.tolist())
     if not abs(length - 1) <= ROTATION_TOLERANCE:
         return None
     w, x, y, z = quaternion / length
