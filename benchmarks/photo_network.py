@@ -47,10 +47,12 @@ def truths(data: Path, source: str) -> dict[Path, dict[str, float]]:
         return {path: {"f_px": 532.5} for path in sorted((data / source).glob("*.jpg"))}
     with open(data / source / f"{source}.csv", newline="") as table:
         rows = list(csv.DictReader(table))
-    return {
-        data / source / row["file"]: {key: float(row[key]) for key in ("f_px", "tilt_deg", "roll_deg") if row.get(key)}
-        for row in rows
-    }
+    found = {}
+    for row in rows:  # a focal length by structure from motion goes before one by EXIF, as in sextant benchmark
+        row["f_px"] = row.get("f_sfm_px") or row["f_px"]
+        known = {key: float(row[key]) for key in ("f_px", "tilt_deg", "roll_deg") if row.get(key)}
+        found[data / source / row["file"]] = known
+    return found
 
 
 def asked(network: CameraNetwork, photos: list[Photo]) -> tuple[CalibrationPrediction, torch.Tensor, torch.Tensor]:

@@ -1,9 +1,11 @@
 """Photos that could not be used, among many."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, get_args
+
+import cv2
 
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import ArgumentError, UserError
@@ -11,6 +13,7 @@ from sextant.errors import ArgumentError, UserError
 #: what becomes of photos that fail: an error that names them, or an entry for each among the results
 Errors = Literal["raise", "return"]
 Photo = TypeVar("Photo")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,23 @@ class FailedPhotosError(UserError):
         error = cls(told.problem, told.fix)
         error.failed = tuple(failed)
         return error
+
+
+def attempted(name: str, work: Callable[..., Result], *given: Any) -> Result | FailedPhoto:
+    """What ``work`` makes of a photo; why it failed, where its numbers cannot be used, so that other photos go on.
+
+    Args:
+        name: of the photo.
+        work: on it alone.
+        given: to ``work``.
+    """
+    try:
+        return work(*given)
+    except UserError as error:
+        return FailedPhoto(name, error)
+    except (ArithmeticError, ValueError, cv2.error) as error:  # ValueError: of NumPy and SciPy too
+        problem = f"{name} could not be calibrated ({type(error).__name__}: {error})"
+        return FailedPhoto(name, UserError(problem, "Leave it out, and report this with the photo."))
 
 
 def several(photos: Iterable[Photo], errors: Errors, argument: str = "photos") -> Iterable[Photo]:

@@ -7,14 +7,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from sextant.cli.arguments import Options, UserPath
+from sextant.cli.arguments import SPLIT, Options, UserPath
 from sextant.cli.console import console
 from sextant.cli.output_folder import make_output, tell_written
 from sextant.errors import UserError
 
-USAGE = (
-    "sextant benchmark calibration folder=<folder of photos, or its name in SEXTANT_DATA> [run=<run>] [output=<folder>]"
-)
+USAGE = "sextant benchmark calibration folder=<folder, or its name in SEXTANT_DATA> [run=<run>] [output=<folder>]"
 
 
 class BenchmarkOptions(Options):
@@ -28,6 +26,8 @@ class BenchmarkOptions(Options):
     """distribution of the cameras of photos that are cut from panoramas"""
     cuts: Annotated[int, Field(ge=1)] = 7
     """photos that are cut from each panorama"""
+    leave_out: Annotated[tuple[str, ...], SPLIT] = ()
+    """names of files that are not measured, such as those trained on; patterns like polyhaven__*"""
     output: UserPath = Path("benchmark")
     """folder for the tables and each photo's errors"""
 
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> None:
     with console.status("photos") as status:
         found = benchmark_calibration(
             PhotoCalibrator.load(options.run), folder, sampling=options.sampling, cuts=options.cuts,
-            progress=lambda done: status.update(f"{done} photos"),
+            leave_out=options.leave_out, progress=lambda done: status.update(f"{done} photos"),
         )  # fmt: skip
     console.print(found.markdown())
     tell_written(f"{len(found.names)} photos measured", 0, write_benchmark(found, options.output))

@@ -1,7 +1,7 @@
 """All methods of a calibrator on a folder of photos of known cameras."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -13,7 +13,7 @@ from sextant.applications.calibration.finding import LEVELS, Finding
 from sextant.applications.calibration.inference import find_cameras
 from sextant.applications.calibration.jointly import Method, by_method
 from sextant.applications.calibration.reporting import photo_camera
-from sextant.applications.failures import FailedPhoto
+from sextant.applications.failures import FailedPhoto, attempted
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_csv
 from sextant.composing.compose import compose, to_plain
@@ -33,7 +33,7 @@ from sextant.reports.tables import TextTable
 from sextant.tasks.calibration.network import CameraNetwork
 
 #: of a failed photo
-NOTHING = (math.nan,) * 10
+NOTHING = (math.nan,) * 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +83,7 @@ def benchmark_calibration(
     sampling: str = "lopez_4x3",
     cuts: int = 7,
     seed: int = 0,
+    leave_out: Sequence[str] = (),
     progress: Callable[[int], None] = lambda done: None,
 ) -> PhotoBenchmark:
     """Lines alone, the network alone and both jointly on photos of known cameras.
@@ -93,6 +94,7 @@ def benchmark_calibration(
         sampling: of the cameras of photos cut from panoramas.
         cuts: photos cut from each panorama.
         seed: of these cameras.
+        leave_out: patterns of the names of files that are not measured.
         progress: is called with the number of photos done.
 
     Raises:
@@ -102,7 +104,7 @@ def benchmark_calibration(
     distribution: CameraDistribution = build_part(config["sampling"])
     known: list[KnownPhoto] = []
     answers: dict[Method, list[tuple[tuple[float, ...], str]]] = {method: [] for method in reversed(get_args(Method))}
-    for photo in known_photos(folder, distribution, cuts=cuts, seed=seed):
+    for photo in known_photos(folder, distribution, cuts=cuts, seed=seed, leave_out=leave_out):
         (found,) = find_cameras(calibrator.network, [(photo.name, photo.image)], look_at_lines=True)
         for method, said in answers.items():
             said.append(_numbers(found, method, calibrator.network))
@@ -132,13 +134,16 @@ def write_benchmark(found: PhotoBenchmark, output: Path) -> list[Path]:
 
 def _numbers(found: Finding | FailedPhoto, method: Method, network: CameraNetwork) -> tuple[tuple[float, ...], str]:
     """Camera and half widths in one row, in heights of the photo, and the verdict."""
+    if not isinstance(found, FailedPhoto):
+        found = attempted(found.name, by_method, found, method)
     if isinstance(found, FailedPhoto):
         return NOTHING, "failed"
-    camera = photo_camera(by_method(found, method), network)
+    camera = photo_camera(found, network)
     numbers = [math.radians(camera.tilt_deg), math.radians(camera.roll_deg), camera.focal_px / camera.height, camera.k1]
     for ends in (camera.interval_68, camera.interval_95):
         halves = ((pair[1] - pair[0]) / 2 for pair in (ends.tilt_deg, ends.roll_deg, ends.vfov_deg))
         numbers += [math.radians(half) for half in halves]
+        numbers.append((ends.k1[1] - ends.k1[0]) / 2 / numbers[2] ** 2)
     return tuple(numbers), camera.verdict
 
 
@@ -150,5 +155,5 @@ def _without_pixels(photo: KnownPhoto) -> KnownPhoto:
 
 def _answers(said: list[tuple[tuple[float, ...], str]]) -> Answers:
     numbers = np.array([row for row, _ in said])
-    half = {level: numbers[:, 4 + 3 * i : 7 + 3 * i] for i, level in enumerate(LEVELS)}
+    half = {level: numbers[:, 4 + 4 * i : 8 + 4 * i] for i, level in enumerate(LEVELS)}
     return Answers(numbers[:, :4], half, [verdict for _, verdict in said])

@@ -1,6 +1,7 @@
 """What the network, lines and other evidence make of a photo together, through the calibrator."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,20 @@ from cli.photo_calibration.fakes import Fake, exif
 from PIL import Image
 
 from sextant.applications import FailedPhoto, PhotoCalibrator
+from sextant.applications.calibration.confidence import confidence
 from sextant.applications.calibration.inference import find_cameras
-from sextant.applications.calibration.jointly import NETWORK_SCALE, network_belief
+from sextant.applications.calibration.jointly import (
+    MULTIPLES,
+    NETWORK_SCALE,
+    RIVALS,
+    WIDE,
+    _adopted,
+    _held,
+    _little,
+    by_method,
+    network_belief,
+)
+from sextant.baselines.calibration import JointEstimate, LineEvidence, PhotoPrior
 from sextant.errors import UserError
 
 #: a camera whose picture has lines in all three directions, and a network that is wrong about it
@@ -66,7 +79,8 @@ def test_a_photo_that_looks_strange_has_the_network_counted_less(image):
         return np.array(network_belief(found).sigma), found.half["68"]
 
     usual, half = belief(0.5)
-    assert usual == pytest.approx(NETWORK_SCALE * half)
+    assert usual[[0, 1, 3]] == pytest.approx((NETWORK_SCALE * half)[[0, 1, 3]])
+    assert usual[2] == pytest.approx(NETWORK_SCALE[2] * half[2] * (1 + half[2] / math.radians(8)))  # vaguer, less
     assert belief(3.0)[0] == pytest.approx(3 * usual)
 
 
@@ -118,3 +132,107 @@ def test_what_is_no_photo_is_told():
 def test_a_method_that_is_none_is_refused():
     with pytest.raises(UserError, match="method=best must be one of joint, lines, network"):
         PhotoCalibrator(Fake(), "best")
+
+
+@pytest.fixture(scope="module")
+def finding(image):
+    (found,) = find_cameras(Fake(tilt=0.0, roll=0.0, scale=WRONG), [("a", image)], look_at_lines=True)
+    return found
+
+
+@pytest.mark.parametrize("raised", [np.linalg.LinAlgError("Singular matrix"), ValueError("Residuals are not finite")])
+def test_a_photo_whose_numbers_fail_ends_no_other(image, raised, monkeypatch):
+    real, calls = LineEvidence.of, []
+
+    def of(seen):
+        calls.append(seen)
+        if len(calls) == 1:
+            raise raised
+        return real(seen)
+
+    monkeypatch.setattr("sextant.applications.calibration.inference.LineEvidence.of", of)
+    first, second = PhotoCalibrator(Fake(scale=WRONG)).calibrate_many([image, image], errors="return")
+    assert isinstance(first, FailedPhoto)
+    assert "photos[0] could not be calibrated" in first.error.problem
+    assert second.name == "photos[1]"
+
+
+def test_a_width_that_is_no_number_is_not_good(finding):
+    model = Fake()
+    for width in (math.nan, math.inf):
+        half = {level: np.array([width, 0.01, 0.01, 0.01]) for level in ("68", "95")}
+        for network in (None, finding):
+            verdict, reasons, _ = confidence(replace(finding, half=half, network=network), model)
+            assert verdict == "not trustworthy"
+            assert "tilt" in reasons[0]
+    covariance = np.diag([-1e-4, 1e-4, 1e-4, 1e-4])
+    estimate = JointEstimate(np.zeros(4), covariance, np.array([5, 5, 5]), 0.0, ())
+    assert _adopted(finding, estimate, 4 / 3).half["68"][0] == math.inf
+    with pytest.raises(ArithmeticError, match="ended nowhere"):
+        _adopted(finding, replace(estimate, vector=np.full(4, math.nan)), 4 / 3)
+
+
+@pytest.mark.parametrize(
+    ("support", "rivals", "says"),
+    [
+        ((5, 9, 3), 0.1, None),
+        ((3, 3, 3), 0.0, "few lines tell the lens: 3+3+3 long segments"),
+        ((2, 40, 2), 0.0, "few lines tell the lens"),
+        ((5, 9, 3), RIVALS + 0.1, "another camera suits the photo nearly as well: its probability is 30%"),
+    ],
+)
+def test_a_lens_by_few_lines_or_with_a_rival_is_doubted(support, rivals, says):
+    doubts = _little(JointEstimate(np.zeros(4), np.eye(4), np.array(support), rivals, ()))
+    assert (says in doubts[0]) if says else doubts == []
+
+
+def test_people_hold_cameras_as_level_as_ever_where_a_network_knows_nothing(finding):
+    assert _held(network_belief(finding)) == pytest.approx(WIDE, rel=0.5)
+    assert _held(network_belief(replace(finding, half={"68": np.full(4, np.inf)})))[:2] == PhotoPrior.sigma[:2]
+    unsure = [by_method(replace(finding, strangeness=strange), "joint") for strange in (1e6, 0.0)]
+    lines = by_method(finding, "lines")
+    assert float(unsure[0].camera.tilt) == pytest.approx(float(lines.camera.tilt), abs=1e-3)
+
+
+def test_the_lens_that_is_reported_is_of_the_family_that_was_fitted(finding):
+    joint = by_method(replace(finding, family="zero"), "joint")
+    assert joint.family == "lopez"
+    assert float(joint.k2) != 0
+
+
+def test_lines_alone_are_not_doubted_for_what_the_network_sees(image):
+    odd = Fake(tilt=0.0, roll=0.0, scale=WRONG)
+    odd.strangeness = 3.0
+    assert any("does not look like" in reason for reason in said("network", image, odd).reasons)
+    assert not any("does not look like" in reason for reason in said("lines", image, odd).reasons)
+
+
+def test_a_photo_that_was_cropped_is_weak_at_best(image, tmp_path):
+    block = exif(35)
+    block.get_ifd(0x8769)[0xA002], block.get_ifd(0x8769)[0xA003] = 4000, 2250
+    Image.fromarray(image).save(tmp_path / "a.png", exif=block)
+    camera = said("joint", tmp_path / "a.png")
+    assert camera.verdict != "good"
+    assert any("cropped" in reason for reason in camera.reasons)
+
+
+def test_intervals_of_photos_of_one_camera_keep_what_all_share(image):
+    """Ten times the same photo is one piece of evidence but for its lines, and tilt is as unsure as the lens."""
+    dull = np.random.default_rng(0).integers(60, 80, (300, 400, 3)).astype(np.uint8)
+    calibrator = PhotoCalibrator(Fake(tilt=0.2, roll=0.0, scale=WRONG))
+    alone, one = calibrator.calibrate(dull), calibrator.one_camera([dull] * 6).cameras[0]
+    width = [float(np.ptp(np.log(camera.interval_68.focal_px))) for camera in (alone, one)]
+    assert width[1] > 0.8 * width[0]
+    far = float(np.ptp(np.log(one.interval_95.focal_px)))
+    assert far / width[1] == pytest.approx(MULTIPLES["95"][2] / MULTIPLES["68"][2], rel=0.35)
+    assert np.ptp(one.interval_68.tilt_deg) > 0.7 * np.ptp(alone.interval_68.tilt_deg)
+
+
+def test_exif_that_contradicts_photos_of_one_camera_is_left_out_with_a_word(image, tmp_path):
+    for name in ("a.jpg", "b.jpg"):
+        Image.fromarray(image).save(tmp_path / name, quality=95, exif=exif(200))
+    calibrator = PhotoCalibrator(Fake(tilt=0.0, roll=0.0, scale=WRONG))
+    paths = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
+    free, prior = (calibrator.one_camera(paths, focal_prior=known) for known in (None, "exif"))
+    assert prior.focal_of_longer_side == free.focal_of_longer_side
+    assert "it was not used" in " ".join(prior.doubts)

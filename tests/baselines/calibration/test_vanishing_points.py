@@ -3,6 +3,8 @@ import pytest
 from baselines.calibration.drawings import cameras, picture, segments
 
 from sextant.baselines.calibration import CameraPrior, VanishingPoints, detect_segments
+from sextant.baselines.calibration.line_segments import longest_first
+from sextant.baselines.calibration.vanishing_points import explained_share
 
 CAMERAS = list(cameras(8, k1=(0, 0)))
 
@@ -107,3 +109,18 @@ def test_fit_takes_the_focal_length_of_the_training_cameras():
 def test_pictures_give_the_camera_to_a_third_of_a_degree_in_the_median():
     found = [errors(VanishingPoints().calibrate(picture(*c, seed=i)), c) for i, c in enumerate(CAMERAS)]
     assert (np.median(found, axis=0) < [0.3, 0.3, 0.02]).all()
+
+
+@pytest.mark.parametrize("count", [4, 6, 8, 30, 120])
+def test_any_segments_are_explained_by_chance_and_no_more(count):
+    """The best of 500 frames explains all of four twigs, and most of eight."""
+    rng = np.random.default_rng(count)
+    middle, turn, length = (
+        rng.uniform(-0.5, 0.5, (count, 2)),
+        rng.uniform(0, np.pi, count),
+        rng.uniform(0.1, 0.3, count),
+    )
+    half = np.stack([np.cos(turn), np.sin(turn)], axis=-1) * length[:, None] / 2
+    assert explained_share(longest_first(np.stack([middle - half, middle + half], 1)), CameraPrior(), seed=0) < 0.25
+    room = segments(0.2, 0.05, 0.4, 0.9, count=count)
+    assert explained_share(room, CameraPrior(), seed=0) > (0.7 if count > 8 else -1)

@@ -81,3 +81,62 @@ def test_a_value_that_is_no_number_is_named(tmp_path):
     (tmp_path / "t.csv").write_text("file,f_px\na.png,long\n")
     with pytest.raises(UserError, match=r"the row of a\.png has a value that is no number"):
         of(tmp_path)
+
+
+def test_photos_beside_folders_are_read_first_and_folders_without_photos_skipped(tmp_path):
+    block = Image.Exif()
+    block.get_ifd(0x8769)[0xA405] = 26
+    save(tmp_path / "1.jpg", exif=block)
+    save(tmp_path / "more" / "2.jpg", exif=block)
+    (tmp_path / "benchmark").mkdir()
+    found = of(tmp_path)
+    assert [photo.name for photo in found] == ["1.jpg", "2.jpg"]
+    assert len({photo.cluster for photo in found}) == 2
+
+
+def test_photos_of_one_lens_are_not_independent_and_some_can_be_left_out(tmp_path):
+    for name in ("a1.png", "a2.png", "b1.png"):
+        save(tmp_path / name)
+    (tmp_path / "K.txt").write_text("78 0 40\n0 78 30\n0 0 1\n")
+    found = of(tmp_path, leave_out=("b*",))
+    assert [photo.name for photo in found] == ["a1.png", "a2.png"]
+    assert found[0].cluster == found[1].cluster
+    with pytest.raises(UserError, match="no photo of a known camera that is not left out"):
+        of(tmp_path, leave_out=("*",))
+
+
+def test_a_table_of_files_that_are_no_panoramas_is_of_something_else(tmp_path):
+    block = Image.Exif()
+    block.get_ifd(0x8769)[0xA405] = 26
+    save(tmp_path / "a.jpg", exif=block)
+    (tmp_path / "licences.csv").write_text("file,licence\na.jpg,CC0\n")
+    assert [photo.name for photo in of(tmp_path)] == ["a.jpg"]
+
+
+def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_named(tmp_path):
+    for name in ("p.png", "q.png"):
+        Image.fromarray(panorama(np.random.default_rng(0), 64)).save(tmp_path / name)
+    (tmp_path / "list.csv").write_text("\ufefffile,cluster\np.png,house\nq.png,house\n", encoding="utf-8")
+    assert {photo.cluster for photo in of(tmp_path, cuts=1)} == {"house"}
+    save(tmp_path / "a.jpg")
+    (tmp_path / "list.csv").write_text("file\np.png\na.jpg\n")
+    with pytest.raises(UserError, match=r"a\.jpg is no panorama: its sides are not 2:1"):
+        of(tmp_path, cuts=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("t.csv", b"file,f_px\n,90\n", "line 2 has no file"),
+        ("t.csv", b"file,f_px\n\xff\xfe,90\n", "is no table in UTF-8"),
+        ("calibration_computed.json", b"{", "has no focal length of a camera"),
+        ("calibration_computed.json", b'{"K": []}', "has no focal length of a camera"),
+        ("K.txt", b"", "has no focal length of a camera"),
+        ("K.txt", b"f 0 1", "has no focal length of a camera"),
+    ],
+)
+def test_a_broken_file_is_one_message(tmp_path, name, content, says):
+    save(tmp_path / "a.png")
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=says):
+        of(tmp_path)

@@ -26,6 +26,11 @@ def test_the_resolution_of_the_focal_plane_in_any_unit(unit, per_mm):
     assert exif_focal_px(exif, 2000, 1500) == pytest.approx(1500)  # scaled since
     assert exif_focal_px(exif, 3000, 4000) == pytest.approx(3000)  # turned since
     assert exif_focal_px(exif, 3000, 3000) is None  # cropped since
+    assert [exif_tags.was_cropped(exif, *size) for size in ((4000, 3000), (3000, 4000), (3000, 3000))] == [
+        False,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("value", [0, 1e-9, 1e9])

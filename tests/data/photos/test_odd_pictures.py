@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sextant.data.photos.odd_pictures import check_no_panorama, odd_picture
+from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
 from sextant.errors import UserError
 
 
@@ -52,3 +52,20 @@ def test_a_panorama_is_refused_and_a_photo_of_its_shape_is_not():
     ramp = np.linspace(20, 230, 512)[None, :, None] + np.random.default_rng(0).normal(0, 3, (256, 512, 3))
     check_no_panorama(ramp.astype(np.uint8), "a wide photo")
     check_no_panorama(around[:, :400], "cut")
+
+
+def test_a_wide_photo_before_a_plain_backdrop_is_no_panorama():
+    """Its two edges are alike because they show nothing."""
+    image = noisy((256, 512), mean=200, spread=2)
+    v, u = np.mgrid[-1:1:256j, -2:2:512j]
+    thing = np.hypot(u / 1.5, v) < 0.6
+    image[thing] = noisy((256, 512), mean=90, spread=40)[thing]
+    check_no_panorama(image, "a vase")
+    assert closed_around(image)  # a reason to doubt, not to refuse
+
+
+def test_what_stands_before_black_is_no_fisheyes_picture():
+    v, u = np.mgrid[-1:1:400j, -1:1:300j]
+    portrait = noisy((400, 300))
+    portrait[(np.hypot(u * 2, (v + 0.2) * 1.5) > 1) & ((v < 0.3) | (np.abs(u) > 0.8))] = 3
+    assert odd_picture(portrait) is None

@@ -13,7 +13,7 @@ from sextant.applications.calibration.one_camera import OneCamera, fuse_as_one_c
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, check_prior, with_focal_prior
 from sextant.applications.calibration.reporting import photo_camera
-from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
+from sextant.applications.failures import Errors, FailedPhoto, attempted, raise_failed, several
 from sextant.errors import ArgumentError
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
@@ -167,13 +167,16 @@ class PhotoCalibrator:
         check_prior(focal_prior)
         for found in self._found(photos):
             if isinstance(found, Finding):
-                yield photo_camera(with_focal_prior(found, focal_prior), self.network)
+                yield attempted(found.name, self._camera, found, focal_prior)
             else:
                 yield found
 
+    def _camera(self, found: Finding, focal_prior: FocalPrior) -> PhotoCamera:
+        return photo_camera(with_focal_prior(found, focal_prior), self.network)
+
     def _found(self, photos: Iterable[tuple[str, AnyPhoto]]) -> Iterator[Finding | FailedPhoto]:
         for found in find_cameras(self.network, photos, look_at_lines=self.method != "network"):
-            yield found if isinstance(found, FailedPhoto) else by_method(found, self.method)
+            yield found if isinstance(found, FailedPhoto) else attempted(found.name, by_method, found, self.method)
 
 
 def _named(photos: Iterable[AnyPhoto]) -> Iterator[tuple[str, AnyPhoto]]:

@@ -16,9 +16,9 @@ from sextant.tasks.calibration.network import CameraNetwork
 
 GOOD, TRUSTWORTHY = 0.5, 1.0  # half-width of a 68 % interval, in half-widths of the central 68 % trained on
 #: the same of a camera by all evidence, where the spread of cameras trained on is no measure: tilt and roll in radians,
-#: the focal length relative, and k1_hat
-JOINTLY_GOOD = (math.radians(3), math.radians(2), 0.1, 0.1)
-JOINTLY_TRUSTWORTHY = (math.radians(10), math.radians(6), 0.25, 0.3)
+#: the focal length relative, and k1_hat in longer sides: 0.1 and 0.3 in heights of 4:3
+JOINTLY_GOOD = (math.radians(3), math.radians(2), 0.1, 0.18)
+JOINTLY_TRUSTWORTHY = (math.radians(10), math.radians(6), 0.25, 0.53)
 #: of the network's own interval: wider ones of a camera by all evidence rest on the network
 LEANS = 0.5
 NAMES = ("tilt", "roll", "field of view", "apparent distortion")
@@ -39,16 +39,17 @@ def confidence(finding: Finding, network: CameraNetwork) -> tuple[Verdict, tuple
     ratios = half / np.asarray(spread)
     worst, reasons = 0, []
     for i, (name, good, most) in enumerate(zip(NAMES, *_allowed(finding, network), strict=True)):
-        if half[i] > good:
-            worst = max(worst, 2 if half[i] > most else 1)
+        if not half[i] <= good:  # nor if it is no number
+            worst = max(worst, 1 if half[i] <= most else 2)
             turn, unit = (180 / math.pi, "°") if i < 3 else (1.0, "")
-            wider = f"±{(most if half[i] > most else good) * turn:.2g}{unit}"
+            wider = f"±{(good if half[i] <= most else most) * turn:.2g}{unit}"
             told = f"{name}: 68 % interval ±{half[i] * turn:.2g}{unit}, wider than "
             if finding.network is None:
-                told += "the " if half[i] > most else "half of the "
+                told += "half of the " if half[i] <= most else "the "
                 wider = f"±{spread[i] * turn:.2g}{unit} of all cameras trained on"
             reasons.append(told + wider)
-    for allowed, text in (*finding.doubts, *_range_doubts(finding, network)):
+    against_network = (*finding.network_doubts, *_range_doubts(finding, network)) if finding.trusts_network else ()
+    for allowed, text in (*finding.doubts, *against_network):
         worst = max(worst, allowed)
         reasons.append(text)
     return get_args(Verdict)[worst], tuple(reasons), dict(zip(NAMES, ratios.tolist(), strict=True))
@@ -60,7 +61,8 @@ def _allowed(finding: Finding, network: CameraNetwork) -> tuple[Float64[ndarray,
         spread = np.asarray(network.spec.spread)
         return GOOD * spread, TRUSTWORTHY * spread
     focal = float(finding.camera.focal)
-    units = np.array([1, 1, 4 * focal / (4 * focal**2 + 1), 1])  # |d vfov / d ln f|
+    longer = finding.side / finding.view.height
+    units = np.array([1, 1, 4 * focal / (4 * focal**2 + 1), longer**-2])  # |d vfov / d ln f|
     return np.asarray(JOINTLY_GOOD) * units, np.asarray(JOINTLY_TRUSTWORTHY) * units
 
 
@@ -73,9 +75,8 @@ def _range_doubts(finding: Finding, network: CameraNetwork) -> list[tuple[int, s
     ranges. Nor is what the lines of the photo settled.
     """
     said, doubts = finding.network or finding, []
-    if not finding.trusts_network:
-        return []
-    leaning = finding.half["68"] > (LEANS * said.half["68"] if finding.network else -1.0)
+    own = finding.alone or finding.half
+    leaning = own["68"] > (LEANS * said.half["68"] if finding.network else -1.0)
     aspect = torch.tensor([finding.view.aspect], dtype=torch.float64)
     position = network.position(_stacked(said.camera), aspect)[0].tolist()
     placed = zip(NUMBERS, position, leaning, strict=True)

@@ -34,6 +34,8 @@ class Finding:
         network: what the network alone says, where ``camera`` is by more than that.
         trusts_network: whether the network's word counted for ``camera``.
         strangeness: of the photo to the network.
+        network_doubts: as ``doubts``, against what the network says alone.
+        alone: half the widths of the intervals by this photo alone, where ``half`` is fused with others.
     """
 
     name: str
@@ -48,6 +50,8 @@ class Finding:
     network: Self | None = None
     trusts_network: bool = True
     strangeness: float = 0.0
+    network_doubts: tuple[tuple[int, str], ...] = ()
+    alone: Mapping[str, Float64[ndarray, "4"]] | None = None
 
     def doubted(self, verdict: int, *reasons: str) -> Self:
         """The same with more that speaks against it."""

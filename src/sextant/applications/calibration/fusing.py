@@ -14,8 +14,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.applications.calibration.finding import LEVELS, Finding
-from sextant.applications.calibration.jointly import jointly
-from sextant.baselines.calibration import CameraBelief
+from sextant.applications.calibration.jointly import MULTIPLES, jointly, network_sigmas
+from sextant.baselines.calibration import CameraBelief, PhotoPrior
 from sextant.evaluation.calibration.fusion import Fusion
 from sextant.geometry import CameraParameters, k2_of_k1, rho_from_tilt, tilt_from_rho
 
@@ -33,28 +33,51 @@ def estimate(finding: Finding) -> tuple[Float64[ndarray, "2"], Float64[ndarray, 
     return np.array([math.log(focal / zoom), k1_hat * zoom**2]), np.maximum(sigmas, 1e-9)
 
 
+def shared(finding: Finding) -> float:
+    """Share of what is known of the focal length that photos of one camera have in common: all but their lines.
+
+    The prior and a network's leanings are the same in every photo; however many there are, they are one piece of
+    evidence.
+    """
+    if finding.network is None:
+        return 0.0
+    focal = float(finding.network.camera.focal)
+    network = network_sigmas(finding.network)[2] * (4 * focal * focal + 1) / (4 * focal)
+    known = PhotoPrior.sigma[2] ** -2 + network**-2 * finding.trusts_network
+    return float(min(known * estimate(finding)[1][0] ** 2, 1.0))
+
+
 def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
     """The finding with a fused focal length and distortion.
 
-    Tilt and roll are what the evidence says with that lens; or, of the network alone, what keeps the horizon where it
-    was seen in the picture.
+    Tilt and roll are what the evidence says with that lens, and as unsure as that lens makes them; or, of the network
+    alone, what keeps the horizon where it was seen in the picture.
     """
     zoom = finding.side / finding.view.height
     old = finding.camera
     focal = torch.tensor(math.exp(fusion.values[0]) * zoom, dtype=torch.float64)
     k1 = fusion.values[1] / zoom**2 * focal.square()
+    multiples = {name: np.array([multiple, multiple]) for name, (_, multiple) in LEVELS.items()}
+    pose = finding.half
     if finding.network is not None:
-        posed = jointly(finding, [_lens(float(focal), float(k1), finding)])
-        tilt, roll, pose = posed.camera.tilt, posed.camera.roll, posed.half
+        multiples = {name: MULTIPLES[name][2:] / MULTIPLES["68"][2:] for name in LEVELS}
+        posed, longer = (
+            jointly(finding, [_lens(float(f), float(k1 / focal.square() * f * f), finding)])
+            for f in (focal, focal * math.exp(fusion.sigmas[0]))
+        )
+        tilt, roll = posed.camera.tilt, posed.camera.roll
+        by_lens = np.array([float(longer.camera.tilt - tilt), float(longer.camera.roll - roll)])
+        pose = {name: np.hypot(posed.half[name][:2], by_lens * multiples[name][0]) for name in LEVELS}
     else:
         rho = rho_from_tilt(old.tilt, old.focal, old.k1, finding.k2)
-        tilt, roll, pose = tilt_from_rho(rho, focal, k1, k2_of_k1(k1, finding.family)), old.roll, finding.half
+        tilt, roll = tilt_from_rho(rho, focal, k1, k2_of_k1(k1, finding.family)), old.roll
     per_log_focal = 4 * float(focal) / (4 * float(focal) ** 2 + 1)
     half = {}
-    for name, (_, multiple) in LEVELS.items():
-        fused = fusion.sigmas * multiple * np.array([per_log_focal, zoom**-2])
+    for name in LEVELS:
+        fused = fusion.sigmas * multiples[name] * np.array([per_log_focal, zoom**-2])
         half[name] = np.concatenate([pose[name][:2], fused])
-    return replace(finding, camera=CameraParameters(tilt, roll, focal, k1), half=half, basis=basis)
+    alone = None if math.isfinite(fusion.prior_z) else finding.half
+    return replace(finding, camera=CameraParameters(tilt, roll, focal, k1), half=half, basis=basis, alone=alone)
 
 
 def _lens(focal: float, k1: float, finding: Finding) -> CameraBelief:

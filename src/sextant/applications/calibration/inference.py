@@ -13,10 +13,10 @@ from numpy import ndarray
 from torch import Tensor
 
 from sextant.applications.calibration.finding import LEVELS, Finding
-from sextant.applications.failures import FailedPhoto
+from sextant.applications.failures import FailedPhoto, attempted
 from sextant.baselines.calibration import LineEvidence
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
-from sextant.data.photos.odd_pictures import check_no_panorama, odd_picture
+from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
 from sextant.tasks.calibration.network import CameraNetwork
@@ -24,6 +24,9 @@ from sextant.tasks.calibration.network import CameraNetwork
 #: photos whose small views go through the network at a time
 BATCH = 64
 LITTLE_SEEN = 0.6  # of the photo's area
+MAYBE_PANORAMA = (
+    "it is 2:1 and closed around, as panoramas of 360 degrees are, though its edge shows too little to be sure"
+)
 AnyPhoto = Path | str | UInt8[ndarray, "h w 3"]
 
 
@@ -51,25 +54,28 @@ def find_cameras(
         look_at_lines: keep the lines of each photo, and say where it is none.
     """
     left = iter(photos)
-    while batch := [_seen(network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
+    while batch := [attempted(name, _seen, network, name, photo, look_at_lines) for name, photo in islice(left, BATCH)]:
         predicted = _predicted(network, [each.view for each in batch if not isinstance(each, FailedPhoto)])
         for each in batch:
             yield each if isinstance(each, FailedPhoto) else _finding(network, each, *next(predicted))
 
 
-def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen | FailedPhoto:
+def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen:
     spec = network.spec
-    try:
-        read = photo_of_array(photo, name) if isinstance(photo, ndarray) else read_photo(Path(photo))
-        if look_at_lines:
-            check_no_panorama(read.image, name)
-    except UserError as error:
-        return FailedPhoto(name, error)
+    read = photo_of_array(photo, name) if isinstance(photo, ndarray) else read_photo(Path(photo))
+    if look_at_lines:
+        check_no_panorama(read.image, name)
     view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
     lines = LineEvidence.of(np.ascontiguousarray(read.image)) if look_at_lines else None
-    odd = odd_picture(read.image) if look_at_lines else None
-    doubts = () if odd is None else ((2, odd),)
-    return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, doubts)
+    doubts = list[tuple[int, str]]()
+    if look_at_lines:
+        doubts += [(2, odd)] if (odd := odd_picture(read.image)) else []
+        doubts += [(1, MAYBE_PANORAMA)] if closed_around(read.image) else []
+    if read.cropped:
+        doubts.append(
+            (1, "EXIF describes a picture of another shape: cropped, it need not show the lens's axis in its middle")
+        )
+    return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts))
 
 
 def _predicted(
@@ -110,5 +116,7 @@ def _finding(
             "but a twentieth of its validation images"
         )
     family = network.parameterization.k2_of_k1
-    found = Finding(name, photo, view, camera, half, family, seen.doubts, lines=seen.lines, strangeness=strangeness)
-    return found.doubted(1, *doubts)
+    return Finding(
+        name, photo, view, camera, half, family, seen.doubts, lines=seen.lines, strangeness=strangeness,
+        network_doubts=tuple((1, doubt) for doubt in doubts),
+    )  # fmt: skip

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from sextant.applications.calibration.finding import Finding
-from sextant.applications.calibration.fusing import adopt, estimate
+from sextant.applications.calibration.fusing import adopt, estimate, shared
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.priors import FocalPrior, disagreement, prior_of
 from sextant.applications.failures import FailedPhoto
 from sextant.errors import UserError
-from sextant.evaluation.calibration.fusion import Fusion, Prior, fuse, with_prior
+from sextant.evaluation.calibration.fusion import CORRELATION, Fusion, Prior, fuse, with_prior
 
 SAME_SHAPE = 0.02  # largest relative difference of aspect among photos of one camera
 
@@ -78,7 +78,8 @@ def fuse_as_one_camera(
             "the network gives no intervals, without which photos of one camera cannot be fused",
             "Calibrate each photo by itself.",
         )
-    fusion, doubts = _with_priors(fuse(values, sigmas), findings, focal_prior)
+    correlation = max(CORRELATION, float(np.mean([shared(finding) for finding in findings])))
+    fusion, doubts = _with_priors(fuse(values, sigmas, correlation=correlation), findings, focal_prior)
     if not fusion.consistent:
         doubts.append(
             f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they of one camera?"
@@ -101,8 +102,11 @@ def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: Focal
         means = np.array([prior.mean for prior in priors])
         if np.ptp(means) > 2 * priors[0].sigma:
             doubts.append("EXIF gives focal lengths that differ: a zoom lens is another camera at each setting")
-        fusion = with_prior(fusion, 0, Prior(float(np.median(means)), priors[0].sigma))
-        doubts += disagreement(fusion.prior_z, focal_prior)
+        known = with_prior(fusion, 0, Prior(float(np.median(means)), priors[0].sigma))
+        against = disagreement(known.prior_z, focal_prior)
+        if against and focal_prior == "exif":
+            return fusion, [*doubts, f"{against[0]}: it was not used"]
+        fusion, doubts = known, [*doubts, *against]
     return fusion, doubts
 
 

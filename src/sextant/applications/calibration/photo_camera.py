@@ -51,7 +51,8 @@ class PhotoCamera:
         roll_deg: of the camera, degrees.
         focal_px: focal length in pixels.
         k1, k2: coefficients of the radial distortion ``1 + k1 r² + k2 r⁴``, r the tangent of the angle to the axis.
-        interval_68, interval_95: that hold the truth in 68 and in 95 % of photos like those trained on.
+        interval_68, interval_95: that hold the truth in 68 and in 95 % of photos: by the network alone, of those like
+            the ones trained on; by all evidence, on average over the sets that they were counted on.
         intervals_by: what they rest on.
         verdict: how far it can be trusted.
         reasons: why not further.

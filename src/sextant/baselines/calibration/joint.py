@@ -12,16 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 from numpy import ndarray
 
 from sextant.baselines.calibration.joint_problem import K1_HAT, LOG_FOCAL, ROLL, TILT, JointProblem, Mode
 from sextant.baselines.calibration.line_evidence import LineEvidence
+from sextant.baselines.calibration.robust_fit import HIGH, LOW
 from sextant.baselines.calibration.starts import joint_starts
 from sextant.baselines.calibration.terms import Term
 
-#: of the rough fits, those that are refined
-FINAL = 2
+#: of the rough fits, those that are refined; distance from the bound of a number at which it lies there
+FINAL, AT_END = 2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +32,16 @@ class JointEstimate:
     Attributes:
         vector: tilt, roll, log focal and k1_hat of the best mode, in image heights.
         covariance: of them, other modes included.
-        inliers: segments that point to an axis.
+        support: how many long segments point to each axis, right, down and forward.
         rivals: probability of all modes but the best.
+        ends: which of tilt, roll, focal length and distortion lie at an end of what is searched.
     """
 
     vector: Float64[ndarray, "4"]
     covariance: Float64[ndarray, "4 4"]
-    inliers: int
+    support: Int[ndarray, "3"]
     rivals: float
+    ends: tuple[str, ...]
 
 
 def joint_estimate(lines: LineEvidence, beliefs: Sequence[Term], *, seed: int = 0) -> JointEstimate:
@@ -65,7 +68,9 @@ def joint_estimate(lines: LineEvidence, beliefs: Sequence[Term], *, seed: int = 
     for weight, mode in zip(weights, modes, strict=True):
         off = (mode.vector - best.vector)[known]
         covariance += weight * (mode.covariance[np.ix_(known, known)] + np.outer(off, off))
-    return JointEstimate(best.vector[known], covariance, best.inliers, float(1 - weights[0]))
+    at = [np.minimum(best.vector - LOW, HIGH - best.vector)[index] < AT_END for index in known]
+    ends = tuple(name for name, end in zip(("tilt", "roll", "focal length", "distortion"), at, strict=True) if end)
+    return JointEstimate(best.vector[known], covariance, best.support, float(1 - weights[0]), ends)
 
 
 def _apart(modes: Sequence[Mode]) -> list[Mode]:

@@ -4,9 +4,9 @@ Half the sum of all terms' robust losses (:mod:`~sextant.baselines.calibration.t
 belongs to the nearest of three orthogonal axes with a Cauchy loss, or to none at the price of one at the threshold, so
 that modes which explain other segments are compared by the same sum.
 
-Segments count by the share of their length that some frame explains: where that is small, the scene is no world of
-boxes. On crops of panoramas the errors of frames are four times those by the curvature where 0.35 is explained, twice
-at 0.5, the same from 0.7 on; so in the curvature segments count by the cube of what they count in the cost.
+Segments count by the share of their length that some frame explains beyond chance: where that is small, the scene is no
+world of boxes. On crops of panoramas the errors of frames are four times those by the curvature where 0.2 is explained,
+twice at 0.4, the same from 0.65 on; so in the curvature segments count by the cube of what they count in the cost.
 """
 
 import math
@@ -18,7 +18,7 @@ from jaxtyping import Float64, Int
 from numpy import ndarray
 
 from sextant.baselines.calibration.line_evidence import LineEvidence
-from sextant.baselines.calibration.line_segments import segment_lengths
+from sextant.baselines.calibration.line_segments import LONG, segment_lengths
 from sextant.baselines.calibration.manhattan import (
     EFFECTIVE_SEGMENTS,
     END_NOISE,
@@ -36,7 +36,7 @@ from sextant.baselines.calibration.terms import StraightChains, Term
 #: what a segment that fits no axis costs: as much as one at the threshold
 OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
 #: ends of the shares of explained length between which segments come to count, and the least that they do
-NO_FRAME, FRAME, LEAST = 0.1, 0.75, 0.05
+NO_FRAME, FRAME, LEAST = -0.08, 0.7, 0.05
 TILT, ROLL, HEADING, LOG_FOCAL, K1_HAT = range(5)
 
 
@@ -48,13 +48,13 @@ class Mode:
         vector: tilt, roll, heading, log focal, k1_hat, in image heights.
         covariance: of them, by the curvature.
         cost: negative log posterior but for a constant.
-        inliers: how many segments point to one of the axes.
+        support: how many long segments point to each of the axes.
     """
 
     vector: Float64[ndarray, "5"]
     covariance: Float64[ndarray, "5 5"]
     cost: float
-    inliers: int
+    support: Int[ndarray, "3"]
 
 
 def _trust(explained: float) -> float:
@@ -70,13 +70,19 @@ class AlignedSegments(Term):
         axis: 0 right, 1 down, 2 forward, of each.
         share: weight of each; all of a picture count as at most so many.
         certainty: see :class:`~sextant.baselines.calibration.terms.Term`.
+        shorter: side of the photo, image heights: of which the noise of ends is a part.
     """
 
     def __init__(
-        self, segments: Float64[ndarray, "n 2 2"], axis: Int[ndarray, "n"], share: float, certainty: float = 1.0
+        self,
+        segments: Float64[ndarray, "n 2 2"],
+        axis: Int[ndarray, "n"],
+        share: float,
+        certainty: float = 1.0,
+        shorter: float = 1.0,
     ):
         self.segments, self.axis, self.share, self.certainty = segments, axis, share, certainty
-        self.noise = np.hypot(WORLD_NOISE, 2 * END_NOISE / segment_lengths(segments))
+        self.noise = np.hypot(WORLD_NOISE, 2 * END_NOISE * shorter / segment_lengths(segments))
 
     def residuals(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b n"]:
         """Sines of the angles between segments and the directions to their vanishing points."""
@@ -101,7 +107,7 @@ class JointProblem:
         self.lines, self.beliefs = lines, tuple(beliefs)
         self.trust = _trust(lines.explained)
         self.share = min(1.0, EFFECTIVE_SEGMENTS / max(len(lines.segments), 1)) * self.trust
-        self.chains = [StraightChains(lines.chains)] if len(lines.chains) else []
+        self.chains = [StraightChains(lines.chains, lines.shorter)] if len(lines.chains) else []
 
     def belief_cost(self, vectors: Float64[ndarray, "b 5"]) -> Float64[ndarray, "b"]:
         """Of all but the lines."""
@@ -123,17 +129,18 @@ class JointProblem:
         terms: Sequence[Term],
     ) -> Mode:
         vector = np.clip(start, LOW + 1e-6, HIGH - 1e-6)
-        segments, inliers = self.lines.segments, 0
+        segments, outliers, support = self.lines.segments, 0, np.zeros(3, int)
         stack = _Stack(terms, free, vector)
         for threshold in thresholds:
             if len(segments):
                 axis, near = nearest_axis(vector, segments, threshold)
-                inliers = int(near.sum())
-                aligned = AlignedSegments(segments[near], axis[near], self.share, self.trust**2)
+                outliers = int((~near).sum())
+                support = np.bincount(axis[near & (segment_lengths(segments) > LONG * self.lines.shorter)], minlength=3)
+                aligned = AlignedSegments(segments[near], axis[near], self.share, self.trust**2, self.lines.shorter)
                 stack = _Stack([aligned, *terms], free, vector)
             vector = stack.solve(vector)
-        cost = stack.cost(vector) + OUTLIER * self.share * (len(segments) - inliers)
-        return Mode(vector, stack.covariance(vector), cost, inliers)
+        cost = stack.cost(vector) + OUTLIER * self.share * outliers
+        return Mode(vector, stack.covariance(vector), cost, support)
 
 
 class _Stack(RobustFit):

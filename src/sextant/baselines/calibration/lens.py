@@ -10,11 +10,12 @@ would be ten times that of the arithmetic.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
-#: Steps of Newton's method from R = R_d: with this lens family the slope never falls below 0.4, and 8 are exact.
-STEPS = 8
+#: Steps of Newton's method from R = R_d: with this lens family and a focal length above a third of the longer side the
+#: slope never falls below 0.4, and 8 are exact; shorter lenses are nearly flat before they fold.
+STEPS = 20
 
 
 def apparent_k2(k1_hat: Float[ndarray, "*b"] | float, focal: Float[ndarray, "*b"] | float) -> Float[ndarray, "*b"]:
@@ -27,9 +28,14 @@ def undistort_factor(
 ) -> Float[ndarray, "*#b"]:
     """Ratio ``R / R_d`` of undistorted to distorted radius, at the squared distorted radius ``square``.
 
-    Solves ``t (1 + A t^2 + B t^4) = 1`` for the ratio t, with ``A = k1_hat R_d^2``, ``B = k2_hat R_d^4``.
+    Solves ``t (1 + A t^2 + B t^4) = 1`` for the ratio t, with ``A = k1_hat R_d^2``, ``B = k2_hat R_d^4``. Where a short
+    lens folds before it reaches R_d, the ratio at the fold, as :func:`sextant.geometry.max_radius` has it.
     """
     a, b = np.asarray(k1_hat * square), np.asarray(k2_hat * square * square)
+    folds, fold = _fold(a, b)
+    lost = folds & (fold * (1 + fold * fold * (a + b * fold * fold)) < 1)
+    if lost.any():
+        a, b = np.where(lost, 0.0, a), np.where(lost, 0.0, b)
     ratio = np.ones_like(a)
     for _ in range(STEPS if a.any() or b.any() else 0):
         t2 = ratio * ratio
@@ -37,7 +43,14 @@ def undistort_factor(
         ratio = ratio - step
         if np.abs(step).max(initial=0) < 1e-8:  # the next would be its square
             break
-    return ratio
+    return np.where(lost, fold, ratio) if lost.any() else ratio
+
+
+def _fold(a: Float[ndarray, "*b"], b: Float[ndarray, "*b"]) -> tuple[Bool[ndarray, "*b"], Float[ndarray, "*b"]]:
+    """Whether ``t (1 + A t^2 + B t^4)`` stops to grow anywhere, and the first t at which it does; else 1."""
+    root = np.sqrt(np.maximum(9 * a * a - 20 * b, 0))
+    folds = (root > 3 * a) & (root > 0)
+    return folds, np.sqrt(np.where(folds, 2, 1) / np.where(folds, root - 3 * a, 1))
 
 
 def undistort_points(

@@ -9,7 +9,6 @@ from numpy import ndarray
 from sextant.baselines.calibration.combined import detect_bent_segments
 from sextant.baselines.calibration.edge_chains import detect_chains
 from sextant.baselines.calibration.estimate import CameraPrior
-from sextant.baselines.calibration.line_segments import count_long
 from sextant.baselines.calibration.plumb_line import straightening_k1_hat
 from sextant.baselines.calibration.vanishing_points import explained_share
 
@@ -26,7 +25,8 @@ class LineEvidence:
         segments: ends of what is straight once the lens is undone, longest first.
         k1_hat: that straightens the chains, a first guess.
         longer: longer side of the photo, image heights.
-        explained: share of the segments' length that some frame of three orthogonal axes explains.
+        shorter: shorter side, image heights: pixels, and so the noise of lines, are the same part of it upright or not.
+        explained: share of the segments' length that some frame of three orthogonal axes explains beyond chance.
     """
 
     chains: Float64[ndarray, "n points 2"]
@@ -34,6 +34,7 @@ class LineEvidence:
     k1_hat: float
     longer: float
     explained: float = 1.0
+    shorter: float = 1.0
 
     @classmethod
     def of(cls, image: UInt8[ndarray, "h w 3"]) -> "LineEvidence":
@@ -47,14 +48,4 @@ class LineEvidence:
         longer = max(image.shape[1] / image.shape[0], 1.0)
         segments = detect_bent_segments(image, k1_hat, FIRST.focal)
         explained = explained_share(segments, replace(FIRST, k1_hat=k1_hat, focal=FIRST.focal * longer), seed=0)
-        return cls(chains, segments, k1_hat, longer, explained)
-
-    @classmethod
-    def nothing(cls, longer: float) -> "LineEvidence":
-        """That of a photo whose lines are not looked at."""
-        return cls(np.zeros((0, 16, 2)), np.zeros((0, 2, 2)), 0.0, longer)
-
-    @property
-    def long_segments(self) -> int:
-        """How many segments are longer than a tenth of the image height."""
-        return count_long(self.segments)
+        return cls(chains, segments, k1_hat, longer, explained, min(image.shape[1] / image.shape[0], 1.0))

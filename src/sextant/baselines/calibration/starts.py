@@ -5,7 +5,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.baselines.calibration.estimate import CameraPrior
-from sextant.baselines.calibration.joint_problem import HEADING, K1_HAT, OUTLIER, JointProblem
+from sextant.baselines.calibration.joint_problem import HEADING, K1_HAT, LOG_FOCAL, OUTLIER, JointProblem
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.manhattan import camera_axes, msac_cost
 from sextant.baselines.calibration.terms import CameraBelief, PhotoPrior
@@ -15,6 +15,8 @@ from sextant.baselines.calibration.vanishing_points import FEWEST, SCORED, hypot
 HEADINGS = np.radians(np.arange(-45, 45, 3.0))
 #: frames that are followed; how much a belief counts while vectors are as rough as four segments make them
 FOLLOWED, ROUGHLY = 6, 0.3
+#: standard deviation of the log of focal lengths of frames, where that is unknown, and up to which it is known
+FOCALS, KNOWN_FOCAL = 0.35, 0.06
 #: distance in tilt, roll, heading or log focal from which two starts are two
 APART = 0.1
 
@@ -22,10 +24,11 @@ APART = 0.1
 def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]]:
     """Cameras to start from; each believed one with its best heading is always among them."""
     believed = _believed(problem)
-    segments = problem.lines.segments
+    segments, (spread, k1_hat) = problem.lines.segments, _known_lens(problem, believed)
     if len(segments) < FEWEST:
         return believed
-    k1_hat, focal = problem.lines.k1_hat, float(np.exp(believed[0][3]))
+    focal = float(np.exp(believed[0][LOG_FOCAL]))
+    lens = CameraPrior(focal=focal, sigma=(0.3, 0.15, spread, 0.3))
     straight = undistort_points(segments, k1_hat, apparent_k2(k1_hat, focal))
     scored = straight[:SCORED].astype(np.float32)
     nats = OUTLIER * problem.share * len(segments)  # of a picture whose segments all fit no axis
@@ -34,7 +37,6 @@ def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]
         share = msac_cost(axes.astype(np.float32), focals.astype(np.float32), scored)
         return np.asarray(nats * np.nan_to_num(share, nan=np.inf))
 
-    lens = CameraPrior(focal=focal, sigma=(0.3, 0.15, 0.35, 0.3))
     frames, focals = hypotheses(straight, lens, np.random.default_rng(seed))
     vectors = upright(frames, focals, k1_hat).reshape(-1, 5)
     legal = np.isfinite(vectors).all(axis=1)
@@ -46,6 +48,21 @@ def joint_starts(problem: JointProblem, seed: int) -> list[Float64[ndarray, "5"]
     costs = np.concatenate([costs, *headed]) + ROUGHLY * problem.belief_cost(vectors)
     starts = _first_apart(vectors, costs)
     return starts + [each[cost.argmin()] for each, cost in zip(turned, headed, strict=True)]
+
+
+def _known_lens(problem: JointProblem, believed: list[Float64[ndarray, "5"]]) -> tuple[float, float]:
+    """How far focal lengths of frames spread, and k1_hat; a lens that is known is given to all that are believed.
+
+    Frames are then looked for behind it: any other lens costs more than all lines could save.
+    """
+    named = [term.lens for term in problem.beliefs if term.lens]
+    log_focal, sigma, k1_hat = min(named, key=lambda lens: lens[1], default=(0.0, np.inf, None))
+    k1_hat = problem.lines.k1_hat if k1_hat is None or sigma > KNOWN_FOCAL else k1_hat
+    if sigma > KNOWN_FOCAL:
+        return FOCALS, k1_hat
+    for vector in believed:
+        vector[[LOG_FOCAL, K1_HAT]] = log_focal, k1_hat
+    return sigma, k1_hat
 
 
 def _believed(problem: JointProblem) -> list[Float64[ndarray, "5"]]:

@@ -20,10 +20,12 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
-from sextant.baselines.calibration.plumb_line import bends
+from sextant.baselines.calibration.plumb_line import NOISE, bends
 from sextant.errors import ArgumentError
 
 Vectors = Float64[ndarray, "b 5"]
+#: standard deviation of k1_hat below which it is known better than by chains of edges
+KNOWN_BEND = 0.01
 
 
 class Term(ABC):
@@ -35,6 +37,11 @@ class Term(ABC):
     """
 
     certainty: float = 1.0
+
+    @property
+    def lens(self) -> tuple[float, float, float | None] | None:
+        """Log focal and its standard deviation, and k1_hat if that is known as well; of a term that names a lens."""
+        return None
 
     @abstractmethod
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b m"]:
@@ -93,6 +100,14 @@ class CameraBelief(Term):
                 "For example CameraBelief(0.0, 0.0, 0.9, 0.0, sigma=(0.1, 0.05, 0.2, 0.1)).",
             )
 
+    @property
+    def lens(self) -> tuple[float, float, float | None]:
+        """The lens that is named."""
+        per_vfov = (4 * self.focal**2 + 1) / (4 * self.focal)  # |d ln f / d vfov|
+        k1_hat = self.k1_hat / self.zoom**2
+        known = self.sigma[3] / self.zoom**2 < KNOWN_BEND
+        return math.log(self.focal * self.zoom), self.sigma[2] * per_vfov, k1_hat if known else None
+
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 4"]:
         """Of tilt, roll, vertical field of view and k1_hat."""
         focal = np.exp(vectors[:, 3]) / self.zoom
@@ -121,6 +136,11 @@ class FocalBelief(Term):
     focal: float
     sigma: float
     nu: float = 2.0
+
+    @property
+    def lens(self) -> tuple[float, float, None]:
+        """The focal length that is named."""
+        return math.log(self.focal), self.sigma, None
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 1"]:
         """Of the log of the focal length."""
@@ -155,27 +175,29 @@ class PhotoPrior(Term):
     straight: tuple[float, float] = (0.4, 0.04)
     bent: tuple[float, float] = (-0.15, 0.25)
 
-    def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 4"]:
-        """Of tilt, roll and log focal, and the root of twice the cost of k1_hat."""
+    def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 5"]:
+        """Of tilt, roll and log focal, and of k1_hat from both components of its mixture."""
         named = (vectors[:, [0, 1, 3]] - [0.0, 0.0, math.log(self.focal * self.longer)]) / np.array(self.sigma)
-        share, sigma = self.straight
-        k1_hat = vectors[:, 4] * self.longer**2
-        first = math.log(share / sigma) - 0.5 * np.square(k1_hat / sigma)
-        second = math.log((1 - share) / self.bent[1]) - 0.5 * np.square((k1_hat - self.bent[0]) / self.bent[1])
-        most = math.log(share / sigma + (1 - share) / self.bent[1])
-        cost = np.sqrt(np.maximum(2 * (most - np.logaddexp(first, second)), 0))
-        return np.concatenate([named, cost[:, None]], axis=1)
+        k1_hat = vectors[:, 4:] * self.longer**2
+        parts = [k1_hat / self.straight[1], (k1_hat - self.bent[0]) / self.bent[1]]
+        return np.concatenate([named, *parts], axis=1)
 
-    def loss(self, squares: Float64[ndarray, "*b 4"]) -> Float64[ndarray, "3 *b 4"]:
-        """Student's; the last is a cost already."""
-        parts = [student(squares[..., i : i + 1], nu) for i, nu in enumerate((*self.nu, math.inf))]
-        return np.concatenate(parts, axis=-1)
+    def loss(self, squares: Float64[ndarray, "*b 5"]) -> Float64[ndarray, "3 *b 5"]:
+        """Student's; of the mixture the whole cost in equal parts, each component's slope being its probability.
+
+        A single residual, the root of the mixture's cost, would have no slope at its peak, and give no information.
+        """
+        heights = self.straight[0] / self.straight[1], (1 - self.straight[0]) / self.bent[1]
+        each = np.log(heights) - 0.5 * squares[..., 3:]
+        both = np.logaddexp(each[..., :1], each[..., 1:])
+        cost = np.broadcast_to(math.log(sum(heights)) - both, each.shape)
+        mixture = np.stack([cost, np.exp(each - both), np.zeros_like(each)])
+        parts = [student(squares[..., i : i + 1], nu) for i, nu in enumerate(self.nu)]
+        return np.concatenate([*parts, mixture], axis=-1)
 
 
 #: as how many independent measurements all bent chains together count at most, and the longest that take part
 CHAINS, MOST_CHAINS = 30.0, 40
-#: deviation of a chain of straight lines, in image heights
-CHAIN_NOISE = 0.00025
 
 
 class StraightChains(Term):
@@ -183,18 +205,22 @@ class StraightChains(Term):
 
     Args:
         chains: points in image heights from the centre.
+        shorter: side of the photo, image heights: of which the noise of edges is a part.
     """
 
-    def __init__(self, chains: Float64[ndarray, "n points 2"]):
+    certainty = 0.1  # bent edges of one thing bend alike: errors of k1_hat are thrice those by the curvature
+
+    def __init__(self, chains: Float64[ndarray, "n points 2"], shorter: float = 1.0):
         extent = np.linalg.norm(chains[:, -1] - chains[:, 0], axis=-1)
         self.chains = chains[np.argsort(-extent, kind="stable")[:MOST_CHAINS]]
-        self.share = min(1.0, CHAINS / max(len(chains), 1))
+        self.noise = NOISE * shorter
+        self.share = min(1.0, CHAINS / max(len(self.chains), 1))
 
     def residuals(self, vectors: Vectors) -> Float64[ndarray, "b m"]:
         """Bow and S of each chain, one half of the residuals after the other."""
         k1_hat, focal = vectors[:, 4, None, None], np.exp(vectors[:, 3, None, None])
         points = undistort_points(self.chains[None], k1_hat, apparent_k2(k1_hat, focal))
-        return np.concatenate(bends(self.chains, points), axis=1) / CHAIN_NOISE
+        return np.concatenate(bends(self.chains, points), axis=1) / self.noise
 
     def loss(self, squares: Float64[ndarray, "*b m"]) -> Float64[ndarray, "3 *b m"]:
         """Cauchy's of each chain's bow and S together: curves of the world count little."""

@@ -35,15 +35,24 @@ def exif_focal_px(exif: dict[int, float], width: int, height: int) -> float | No
     From the 35-mm equivalent, or else from the focal length and the resolution of the focal plane. None too where the
     block describes another shape than the picture has (it was cropped since), or a field of view that no lens has.
     """
-    long, short = max(width, height), min(width, height)
-    recorded = sorted((exif.get(PIXELS_X, long), exif.get(PIXELS_Y, short)))
-    if abs(recorded[1] / recorded[0] / (long / short) - 1) > 0.02:
+    long = max(width, height)
+    if was_cropped(exif, width, height):
         return None
     if FOCAL_35MM in exif:
         focal = exif[FOCAL_35MM] * math.hypot(width, height) / FULL_FRAME_DIAGONAL
     elif FOCAL_LENGTH in exif and PLANE_X_RESOLUTION in exif:
         per_millimetre = exif[PLANE_X_RESOLUTION] / MILLIMETRES.get(int(exif.get(PLANE_UNIT, 2)), 25.4)
-        focal = exif[FOCAL_LENGTH] * per_millimetre * long / recorded[1]
+        focal = exif[FOCAL_LENGTH] * per_millimetre * long / max(_recorded(exif, width, height))
     else:
         return None
     return focal if 0.1 < focal / long < 100 else None
+
+
+def was_cropped(exif: dict[int, float], width: int, height: int) -> bool:
+    """Whether the EXIF block describes a picture of another shape than ``width`` x ``height``, upright or not."""
+    short, long = sorted(_recorded(exif, width, height))
+    return abs(long / short / (max(width, height) / min(width, height)) - 1) > 0.02
+
+
+def _recorded(exif: dict[int, float], width: int, height: int) -> tuple[float, float]:
+    return exif.get(PIXELS_X, max(width, height)), exif.get(PIXELS_Y, min(width, height))

@@ -13,11 +13,13 @@ SIDE = 512
 STRIP = 3.5
 #: difference to a neighbour, of 255, from which a pixel shows something; the share of such pixels in a blank picture
 SHOWS, BLANK = 6, 0.004
-#: share of pixels that equal all four neighbours, from which a picture was drawn and not taken
+#: share of pixels that equal those to the right and below, from which a picture was drawn and not taken
 DRAWN = 0.65
 DARK = 16  # of 255
 #: standard deviation along the first or last row of a panorama, all of which is the zenith or nadir
 POLE = 12
+#: standard deviation along an edge without texture; how far a circle's radius varies, of itself
+PLAIN, ROUND = 8, 0.08
 
 
 def check_no_panorama(image: UInt8[ndarray, "h w 3"], name: str) -> None:
@@ -31,7 +33,16 @@ def check_no_panorama(image: UInt8[ndarray, "h w 3"], name: str) -> None:
 
 
 def is_panorama(image: UInt8[ndarray, "h w 3"]) -> bool:
-    """Whether a picture is a full panorama: 2:1, closed around, and one colour at a pole."""
+    """Whether a picture is a full panorama: 2:1, closed around, and one colour at a pole.
+
+    Two edges without texture are alike whatever lies between them: before a plain backdrop, or in a frame.
+    """
+    edge = cv2.blur(image[:, :1].astype(np.float32), (1, 9))
+    return closed_around(image) and float(np.std(edge, axis=0).mean()) > PLAIN
+
+
+def closed_around(image: UInt8[ndarray, "h w 3"]) -> bool:
+    """Whether a picture is 2:1, its left edge goes on from its right, and it is one colour at a pole."""
     rows, columns = image.shape[:2]
     if abs(columns / rows - 2) > 0.01:
         return False
@@ -62,14 +73,20 @@ def odd_picture(image: UInt8[ndarray, "h w 3"]) -> str | None:
 
 
 def _in_a_circle(grey: ndarray) -> bool:
-    """Whether all four corners are dark, and what lies between them and the middle is not."""
+    """Whether all four corners are dark, and the dark ends at one distance from the middle all around."""
     rows, columns = grey.shape
-    v, u = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
-    height, width = min(rows / columns, 1), min(columns / rows, 1)
-    radius = np.hypot(u * width, v * height) / np.hypot(width, height)
-    corners = (grey[radius > 0.93] < DARK).mean()
-    middle = (grey[radius < 0.5] < DARK).mean()
-    return bool(corners > 0.98 and middle < 0.3)
+    dark = cv2.blur((grey < DARK).astype(np.float32), (5, 5)) > 0.5
+    angles = np.linspace(0, 2 * np.pi, 96, endpoint=False)[:, None]
+    along = np.linspace(0, 1, 256) * np.hypot(rows, columns) / 2
+    row, column = rows / 2 + along * np.sin(angles), columns / 2 + along * np.cos(angles)
+    inside = (row > 0) & (row < rows - 1) & (column > 0) & (column < columns - 1)
+    bright = inside & ~dark[row.astype(int).clip(0, rows - 1), column.astype(int).clip(0, columns - 1)]
+    last, end = (mask.shape[1] - 1 - mask[:, ::-1].argmax(axis=1) for mask in (bright, inside))
+    meets = last < 0.97 * end  # elsewhere the circle is cut by the border
+    corners = [dark[i, j] for i in (0, -1) for j in (0, -1)]
+    if not all(corners) or meets.mean() < 0.2 or bright[:, :128].sum() < 0.7 * inside[:, :128].sum():
+        return False
+    return bool(np.ptp(np.quantile(last[meets], [0.1, 0.9])) < ROUND * np.median(last[meets]))
 
 
 def _difference(first: ndarray, second: ndarray) -> float:

@@ -16,6 +16,7 @@ class Photo:
         height: of the upright original, pixels.
         orientation: of the file by EXIF, 1 to 8; 1 is upright.
         exif_focal_px: focal length in pixels of the original by EXIF, or None.
+        cropped: whether EXIF describes a picture of another shape, so that the lens's axis may be anywhere in this.
     """
 
     image: UInt8[ndarray, "h w 3"]
@@ -23,6 +24,7 @@ class Photo:
     height: int
     orientation: int
     exif_focal_px: float | None
+    cropped: bool = False
 
     @property
     def scale(self) -> float:

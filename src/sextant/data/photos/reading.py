@@ -11,7 +11,7 @@ import numpy as np
 from numpy import ndarray
 from PIL import Image
 
-from sextant.data.photos.exif import exif_focal_px, exif_numbers
+from sextant.data.photos.exif import exif_focal_px, exif_numbers, was_cropped
 from sextant.data.photos.photo import Photo
 from sextant.data.photos.pixels import rgb_bytes
 from sextant.data.upright import TURN, exif_orientation
@@ -103,7 +103,7 @@ def _decode(image: Image.Image, path: Path) -> Photo:
         factor += 1
     exif = exif_numbers(image)
     orientation = exif_orientation(image)
-    focal = exif_focal_px(exif, width, height)
+    focal, cropped = exif_focal_px(exif, width, height), was_cropped(exif, width, height)
     if factor > 1:
         image.draft("RGB", (width // factor, height // factor))  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
     image.load()
@@ -115,7 +115,7 @@ def _decode(image: Image.Image, path: Path) -> Photo:
         rgb = rgb.transpose(TURN[turn])
     if turn >= 5:
         width, height = height, width
-    return Photo(np.asarray(rgb), width, height, orientation, focal)
+    return Photo(np.asarray(rgb), width, height, orientation, focal, cropped)
 
 
 def _check_smallest(width: int, height: int, name: object) -> None:

@@ -41,12 +41,12 @@ class Answers:
 
     Attributes:
         cameras: tilt, roll, focal length (image heights) and k1; nan where it failed.
-        half: by level, half the widths of the intervals of tilt, roll and vfov (radians).
+        half: by level, half the widths of the intervals of tilt, roll, vfov (radians) and k1 / f².
         verdicts: of each.
     """
 
     cameras: Float64[ndarray, "n 4"]
-    half: Mapping[str, Float64[ndarray, "n 3"]]
+    half: Mapping[str, Float64[ndarray, "n 4"]]
     verdicts: Sequence[str]
 
 

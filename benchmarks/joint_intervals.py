@@ -1,0 +1,211 @@
+"""Errors, intervals and verdicts on all photos of known cameras: ``python -m benchmarks.joint_intervals [run=<run>]``.
+
+Lines, the network and both on the sets of ``SEXTANT_DATA``, of panoramas on those that the network was not trained on:
+two crops each of cameras of ``lopez_4x3``. Three tables: errors; how often the intervals of the joint camera hold the
+truth, with multiples of its standard errors that were chosen on all sources but the one that is tested; verdicts. Last
+the multiples by all sources, which ``applications/calibration/jointly.py`` has. What is measured here has chosen these
+multiples and other constants of the joint method, so that only what leaves a source out is a test of them.
+"""
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.applications import PhotoCalibrator
+from sextant.applications.calibration.jointly import MULTIPLES
+from sextant.cli.arguments import parse_arguments
+from sextant.evaluation.calibration.photo_benchmark import Answers, Truth
+from sextant.evaluation.calibration.summary import AUC_DEG
+from sextant.lifecycle.photo_benchmark import PhotoBenchmark, benchmark_calibration
+from sextant.zoo import model_file, read_card
+
+KEYS = {"run": "of calibration: zoo:calibration unless given"}
+#: of a set: its folders
+SETS = {
+    "York Urban": ["york_urban"],
+    "panoramas": ["panoramas", "panoramas_more"],
+    "iPhones": ["phone_gravity"],
+    "EXIF of many cameras": ["exif_focal"],
+    "chessboards": ["camera_boards"],
+    "castle": ["photos/sceaux_castle"],
+    "street": ["photos/lund"],
+}
+CUTS = 2  # of a panorama
+SCENES = ("zind", "jameskuk")  # one house and one school: each is a source, as is each set
+LEVELS = {"68": 0.68, "95": 0.95}
+NUMBERS = ("tilt", "roll", "vfov", "k1/f²")
+#: a good camera whose focal length is farther off, per cent, or its tilt or roll, degrees, is wrong: twice what is good
+WRONG = {"focal_percent": 20.0, "tilt_deg": 6.0, "roll_deg": 4.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A set: what each method says of its photos, and the sources these are of."""
+
+    name: str
+    truth: Truth
+    methods: dict[str, Answers]
+    sources: list[str]
+
+
+def measured(name: str, parts: list[PhotoBenchmark]) -> Measured:
+    """A set of several folders."""
+    names = [each for part in parts for each in part.names]
+    scenes = [each.partition("__")[0] for each in names]
+    owners = [cluster for part in parts for cluster in part.truth.clusters]
+    clusters = [scene if scene in SCENES else owner for scene, owner in zip(scenes, owners, strict=True)]
+    cameras = np.concatenate([part.truth.cameras for part in parts])
+    truth = Truth(cameras, np.concatenate([part.truth.aspect for part in parts]), clusters)
+    methods = {}
+    for method in parts[0].methods:
+        answers = [part.methods[method] for part in parts]
+        half = {level: np.concatenate([each.half[level] for each in answers]) for level in LEVELS}
+        verdicts = [verdict for each in answers for verdict in each.verdicts]
+        methods[method] = Answers(np.concatenate([each.cameras for each in answers]), half, verdicts)
+    return Measured(name, truth, methods, [scene if scene in SCENES else name for scene in scenes])
+
+
+def error_rows(of: Measured) -> list[list[str]]:
+    """Medians with intervals over independent photos, and AUC, of each method."""
+    rows = []
+    for method, answers in of.methods.items():
+        found, row = of.truth.summaries(answers.cameras), [of.name, str(len(of.sources)), method]
+        for error, digits in (
+            ("tilt_deg", 2),
+            ("roll_deg", 2),
+            ("vfov_deg", 2),
+            ("focal_percent", 1),
+            ("bearing_deg", 2),
+        ):
+            median = found[error].median if error in found else None
+            row.append(
+                "–"
+                if median is None
+                else f"{median.value:.{digits}f} [{median.low:.{digits}f}, {median.high:.{digits}f}]"
+            )
+        for error in ("roll_deg", "tilt_deg", "vfov_deg"):
+            areas = [found[error].auc[at].value for at in AUC_DEG] if error in found else []
+            row.append(" / ".join(f"{100 * area:.0f}" for area in areas) or "–")
+        rows.append(row)
+    return rows
+
+
+def off_and_sigma(of: Measured) -> tuple[Float64[ndarray, "n 4"], Float64[ndarray, "n 4"]]:
+    """Errors of tilt, roll, vfov and k1 / f² of the joint camera, and its standard errors."""
+    answers = of.methods["joint"]
+    true, said = (
+        np.column_stack([each[:, :2], 2 * np.arctan(0.5 / each[:, 2]), each[:, 3] / each[:, 2] ** 2])
+        for each in (of.truth.cameras, answers.cameras)
+    )
+    return np.abs(said - true), answers.half["68"] / MULTIPLES["68"]
+
+
+def multiples(ratios: Float64[ndarray, "n 4"], sources: ndarray, level: float) -> Float64[ndarray, "4"]:
+    """Multiples that hold a share of the truths, each source weighing as much as the root of its photos."""
+    chosen = []
+    for column in ratios.T:
+        known = np.isfinite(column)
+        values, owners = column[known], sources[known]
+        counts = {owner: (owners == owner).sum() for owner in np.unique(owners)}
+        weights = np.array([counts[owner] ** -0.5 for owner in owners])
+        order = np.argsort(values)
+        chosen.append(
+            np.interp(level, (np.cumsum(weights[order]) - 0.5 * weights[order]) / weights.sum(), values[order])
+        )
+    return np.array(chosen)
+
+
+def interval_rows(sets: list[Measured]) -> list[list[str]]:
+    """By set and source: shares of truths within intervals by multiples chosen without the source."""
+    off, sigma = (np.concatenate(parts) for parts in zip(*map(off_and_sigma, sets), strict=True))
+    ratios, sources = off / sigma, np.array([source for each in sets for source in each.sources])
+    rows, inside = [], {level: np.full(ratios.shape, np.nan) for level in LEVELS}
+    for source in np.unique(sources):
+        own = sources == source
+        for level, share in LEVELS.items():
+            bound = multiples(ratios[~own], sources[~own], share)
+            inside[level][own] = np.where(np.isfinite(ratios[own]), ratios[own] <= bound, np.nan)
+    for title, own in [
+        *((source, sources == source) for source in np.unique(sources)),
+        ("all panoramas", np.isin(sources, ("panoramas", *SCENES))),
+    ]:
+        shares = [" / ".join(_percent(inside[level][own, i]) for level in LEVELS) for i in range(len(NUMBERS))]
+        rows.append([title, str(int(own.sum())), *shares])
+    means = []
+    for i in range(len(NUMBERS)):
+        each = [
+            [np.nanmean(inside[level][sources == s, i]) for level in LEVELS]
+            for s in np.unique(sources)
+            if np.isfinite(ratios[sources == s, i]).any()
+        ]
+        means.append(" / ".join(f"{100 * share:.0f}" for share in np.mean(each, axis=0)))
+    rows.append(["mean over sources", "", *means])
+    for level, share in LEVELS.items():
+        rows.append([f"multiples, {level} %", "all", *(f"{value:.2f}" for value in multiples(ratios, sources, share))])
+    return rows
+
+
+def _percent(held: Float64[ndarray, "n"]) -> str:
+    return f"{100 * np.nanmean(held):.0f}" if np.isfinite(held).any() else "–"
+
+
+def verdict_row(of: Measured) -> list[str]:
+    """How many photos have each verdict, and how many good ones are wrong."""
+    verdicts = np.array(of.methods["joint"].verdicts)
+    errors = of.truth.errors(of.methods["joint"].cameras)
+    good = verdicts == "good"
+    wrong = np.any([errors[name][good] > most for name, most in WRONG.items()], axis=0)
+    off, _ = off_and_sigma(of)
+    outside = (off > of.methods["joint"].half["95"])[good, :3].any(axis=1)
+    counts = [str(int((verdicts == each).sum())) for each in ("good", "weak", "not trustworthy", "failed")]
+    return [
+        of.name,
+        *counts,
+        str(int((errors["focal_percent"][good] > 20).sum())),
+        str(int(wrong.sum())),
+        str(int(outside.sum())),
+    ]
+
+
+def table(titles: list[str], rows: list[list[str]]) -> str:
+    lines = [titles, ["---"] * len(titles), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def main() -> None:
+    given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.joint_intervals")
+    calibrator, data = PhotoCalibrator.load(given.get("run", "zoo:calibration")), Path(os.environ["SEXTANT_DATA"])
+    trained = [
+        entry["file"]
+        for files in read_card(model_file("zoo:calibration"))["data"].values()
+        if isinstance(files, list)
+        for entry in files
+    ]
+    began, sets = time.process_time(), []
+    for name, folders in SETS.items():
+        parts = [benchmark_calibration(calibrator, data / each, cuts=CUTS, leave_out=trained) for each in folders]
+        sets.append(measured(name, parts))
+    titles = ["set", "photos", "method", "tilt", "roll", "vfov", "focal %", "rays", "AUC roll", "AUC tilt", "AUC vfov"]
+    print(table(titles, [row for each in sets for row in error_rows(each)]))
+    print(table(["source left out", "photos", *(f"{name}, 68 / 95 %" for name in NUMBERS)], interval_rows(sets)))
+    verdicts = [
+        "good",
+        "weak",
+        "not trustworthy",
+        "failed",
+        "good, focal off by > 20 %",
+        "good, wrong",
+        "good, outside a 95 % interval",
+    ]
+    print(table(["set", *verdicts], [verdict_row(each) for each in sets]))
+    print(f"{time.process_time() - began:.0f} s of CPU")
+
+
+if __name__ == "__main__":
+    main()
