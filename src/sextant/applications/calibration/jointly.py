@@ -1,8 +1,8 @@
 r"""A photo's camera by all that is known of it: the network, lines, what people's cameras are, and what else was named.
 
 Standard errors come from the curvature of the joint cost (:mod:`sextant.baselines.calibration.joint`). How often the
-truth lies within a multiple of them was counted on real photos and panoramas, and :data:`MULTIPLES` are those that held
-68 and 95 %: a normal's would be 1 and 1.96, and real evidence has longer tails.
+truth lies within a multiple of them was counted on real photos and panoramas, and :data:`MULTIPLES` are those that hold
+68 and 95 % of these, averaged over their sources: a normal's would be 1 and 1.96, and real evidence has longer tails.
 """
 
 import math
@@ -25,9 +25,10 @@ Method = Literal["joint", "lines", "network"]
 #: the more the vaguer it is: at :data:`VAGUE` twice as much (radians)
 NETWORK_SCALE = np.array([1.2, 1.2, 2.2, 4.0])
 VAGUE = math.radians(8)
-#: of the joint standard errors of tilt, roll, vfov and k1_hat, by level: counted on 254 photos and crops of nine
+#: of the joint standard errors of tilt, roll, vfov and k1_hat, by level: counted on 273 photos and crops of nine
 #: sources that trained no network, each source weighing as much as the root of its photos
-MULTIPLES = {"68": np.array([1.15, 0.85, 1.0, 1.85]), "95": np.array([3.4, 2.7, 3.0, 6.0])}
+#: (``python -m benchmarks.joint_intervals``)
+MULTIPLES = {"68": np.array([1.3, 1.25, 0.85, 2.7]), "95": np.array([3.0, 4.3, 3.0, 10.8])}
 #: standard deviation of a lens's principal point off the centre, longer sides: it turns the tilt
 PRINCIPAL_POINT = 0.01
 #: of tilt, roll and log focal, where a network has its own opinion of how people hold cameras, as sure as the usual

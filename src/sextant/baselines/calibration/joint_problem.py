@@ -36,7 +36,7 @@ from sextant.baselines.calibration.terms import StraightChains, Term
 #: what a segment that fits no axis costs: as much as one at the threshold
 OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
 #: ends of the shares of explained length between which segments come to count, and the least that they do
-NO_FRAME, FRAME, LEAST = -0.08, 0.7, 0.05
+NO_FRAME, FRAME, LEAST = -0.15, 0.7, 0.05
 TILT, ROLL, HEADING, LOG_FOCAL, K1_HAT = range(5)
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
