@@ -161,6 +161,19 @@ def test_a_recording_of_a_robot_is_localized_as_its_images_and_odometry_are(offi
         assert float(row["y"]) == pytest.approx(float(photo["y"]), abs=1e-4)
 
 
+def test_a_drive_is_smoothed_and_the_filter_goes_as_without_it(office, photos, tmp_path):
+    odometry = table(tmp_path / "odometry.csv", odometry_poses(office))
+    plain = localize(office, photos, tmp_path / "plain", f"odometry={odometry}", "particles=300")
+    rows = localize(office, photos, tmp_path / "out", f"odometry={odometry}", "particles=300", "smooth=true")
+    assert rows == plain
+    filtered, smooth = (read_tum(tmp_path / "out" / f"{name}.tum")[1] for name in ("trajectory", "smoothed"))
+    assert np.allclose(filtered[-1], smooth[-1])
+    truth = office.drive.poses[: office.frames]
+    errors = [np.hypot(*(poses - truth)[:, :2].T) for poses in (filtered, smooth)]
+    assert errors[1][0] < errors[0][0]  # where it began is known better at the end
+    assert np.median(errors[1]) <= np.median(errors[0])
+
+
 def test_a_moved_map_alone_one_particle_and_a_replay(office, photos, tmp_path):
     shutil.copytree(office.folder / "map", tmp_path / "elsewhere")
     for path in sorted(photos.iterdir())[4:]:

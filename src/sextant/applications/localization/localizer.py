@@ -43,6 +43,7 @@ from sextant.localization.observation.evidence import Evidence
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
+from sextant.localization.smoothing import smoothed
 from sextant.runs.outputs_folder import default_outputs
 
 #: how independent one image's evidence is taken to be, where no traverse tells
@@ -103,9 +104,10 @@ class Localizer:
         start: where they are before the first image.
         seed: of all random numbers.
         facts: what else is kept with the map, as plain values.
+        lag: steps that :meth:`past` smooths.
 
     Raises:
-        UserError: there is to be no particle, or there is no such start.
+        UserError: there is to be no particle, there is no such start, or the lag is negative.
     """
 
     def __init__(
@@ -123,7 +125,10 @@ class Localizer:
         start: Start = "uniform",
         seed: int = 0,
         facts: dict[str, Any] | None = None,
+        lag: int = 0,
     ):
+        if lag < 0:
+            raise UserError(f"lag={lag} must be at least 0", "lag=20 keeps twenty steps")
         if particles < 1:
             raise UserError(f"particles={particles} must be at least 1", "For example particles=1000")
         if not isinstance(start, Initialisation) and start not in STARTS:
@@ -131,6 +136,7 @@ class Localizer:
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
         self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
+        self.lag = lag
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
         self.reset()
 
@@ -141,6 +147,7 @@ class Localizer:
         self.seed = self.seed if seed is None else seed
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
+        self._past: list[tuple[Belief, Tensor]] = []
         self._change, self._way = AppearanceChange.none(self.model.map.dimension), math.inf  # since the last image
 
     @torch.no_grad()
@@ -174,16 +181,32 @@ class Localizer:
         else:
             state, told = self.filter.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
-        found = estimate(state.belief, self.radius)
+        self._past = [*self._past[-self.lag :], (state.belief, moved)] if self.lag else []
+        return self._told(state.belief, degenerate=bool(told.degenerate[0]))
+
+    def past(self) -> list[LocalizedPose]:
+        """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
+
+        A step of 1,000 particles takes some hundredths of a second, so ask for it when it is needed.
+        """
+        beliefs, motions = [belief for belief, _ in self._past], [motion[None] for _, motion in self._past[1:]]
+        if not beliefs:
+            return []
+        draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
+        return [self._told(belief) for belief in smoothed(beliefs, motions, self.filter.motion, draws)]
+
+    def _told(self, belief: Belief, *, degenerate: bool = False) -> LocalizedPose:
+        found = estimate(belief, self.radius)
         mass = float(found.mass[0])
+        support = self.filter.support
         return LocalizedPose(
             found.pose[0].numpy(),
             found.covariance[0].numpy(),
             mass,
             int(found.modes[0]),
             mass < MODE_MASS,
-            bool(told.degenerate[0]),
-            0.0 if self.filter.support is None else float(self.filter.support.off_map(state.belief)[0]),
+            degenerate,
+            0.0 if support is None else float(support.off_map(belief)[0]),
         )
 
     @property
@@ -268,6 +291,7 @@ class Localizer:
         particles: int | None = None,
         start: Start = "uniform",
         seed: int = 0,
+        lag: int = 0,
         verify: bool = True,
         trust: bool = False,
     ) -> Self:
@@ -283,7 +307,7 @@ class Localizer:
             descriptor: of images, for a map whose own could not be kept.
             motion, recovery, radius: in place of the map's own.
             particles: None for as many as the map was tested with.
-            start, seed: as for the class.
+            start, seed, lag: as for the class.
             verify: compare the hashes of all files, which reads them once; their sizes are compared anyway.
             trust: build parts of the user's own that the map or a network's config names.
 
@@ -296,7 +320,7 @@ class Localizer:
         )
         given = {"radius": radius, "particles": particles}
         parts |= {name: value for name, value in given.items() if value is not None}
-        return cls(**parts, start=start, seed=seed)
+        return cls(**parts, start=start, seed=seed, lag=lag)
 
     @classmethod
     def from_images(
@@ -316,6 +340,7 @@ class Localizer:
         particles: int = 1000,
         start: Start = "uniform",
         seed: int = 0,
+        lag: int = 0,
     ) -> Self:
         """Make a map of images at known poses.
 
@@ -331,7 +356,7 @@ class Localizer:
             radius: of the mode that is reported, in metres; 2.5 times the spacing of the map unless given.
             steps: of the fit of the kernel.
             merge_duplicates: images at one pose become one.
-            particles, start, seed: as for the class.
+            particles, start, seed, lag: as for the class.
 
         Raises:
             UserError: the images and poses do not make a map.
@@ -357,6 +382,7 @@ class Localizer:
             particles=particles,
             start=start,
             seed=seed,
+            lag=lag,
         )
 
 

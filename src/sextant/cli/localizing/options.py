@@ -31,6 +31,9 @@ class LocalizingOptions(Options):
     replay: Literal["mp4", "gif", "none"] = Field("mp4", examples=["gif"])
     """animation of the particles: mp4 (default), gif or none"""
 
+    smooth: bool = Field(False, examples=["true"])
+    """also write smoothed.tum: each pose by all images of the drive, also those that came later"""
+
     @field_validator("odometry")
     @classmethod
     def _is_there(cls, path: Path | None) -> Path | None:

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from sextant.applications.localization.localizer import Localizer
 from sextant.applications.localization.written_poses import Replay, Row, draw_trajectory, write_poses
 from sextant.applications.write_errors import telling_write_errors
@@ -12,6 +14,7 @@ from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.data.localization.own_drive import OwnDrive, open_drive
+from sextant.data.localization.pose_formats import write_tum
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
 
@@ -41,7 +44,8 @@ def predict_poses(
         odometry_topic=options.odometry_topic,
     )
     remarks = drive.remarks
-    localizer = Localizer.load(folder, particles=options.particles, start=options.start, seed=options.seed, trust=trust)
+    chosen = options.model_dump(include={"particles", "start", "seed"})
+    localizer = Localizer.load(folder, **chosen, lag=len(drive.frames) if options.smooth else 0, trust=trust)
     if localizer.descriptor.describer is None:
         raise UserError(
             f"the map in {folder} was described by vectors from elsewhere, so photos cannot be described",
@@ -58,6 +62,9 @@ def predict_poses(
         write_poses(rows, drive.times_s, output)
         draw_trajectory(rows, positions, output, localizer.unit)
         written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
+        if options.smooth:
+            written.append(output / "smoothed.tum")
+            write_tum(written[-1], drive.times_s, np.stack([told.pose for told in localizer.past()]))
         if options.replay != "none":
             written.append(
                 _animation(partial(replay.write, rows, positions, unit=localizer.unit), output, options.replay, remarks)

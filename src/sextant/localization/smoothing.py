@@ -1,0 +1,99 @@
+r"""Where a robot was, by what it has seen since: beliefs of a filter, weighed anew from the last to the first.
+
+.. math:: W_{t|T}^i = W_t^i \sum_j W_{t+1|T}^j \, \frac{f(x_{t+1}^j \mid x_t^i)}{\sum_k W_t^k f(x_{t+1}^j \mid x_t^k)}
+
+(forward filtering, backward smoothing: Doucet, Godsill & Andrieu, "On Sequential Monte Carlo Sampling Methods for
+Bayesian Filtering", 2000, section 5). The motion of a robot in its own frame has the same distribution wherever it is,
+so f is the normal density with the mean and covariance of draws of it. A particle that a recovery put somewhere else
+has no particle behind it: beyond six standard deviations f is constant, so that it says nothing of the pose before.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.geometry.planar import se2_between, wrap_angle
+from sextant.localization.belief import Belief
+from sextant.localization.motion import MotionModel
+
+#: of a motion, to learn its mean and covariance from
+DRAWS = 4096
+#: standard deviations of a motion that does not err, in the map's unit and rad
+LEAST = (1e-3, 1e-3, 1e-3)
+#: log density below its peak where a motion no longer explains a particle: six standard deviations
+ELSEWHERE = -18.0
+#: particles after a motion that are compared with all before it at a time
+CHUNK = 256
+
+
+@torch.no_grad()
+def smoothed(
+    beliefs: Sequence[Belief],
+    motions: Sequence[Float64[Tensor, "r 3"]],
+    model: MotionModel,
+    generator: torch.Generator,
+) -> list[Belief]:
+    """The beliefs of a drive, each given everything until its end.
+
+    Args:
+        beliefs: after each step of the filter, of r runs.
+        motions: between them, in the robot's frame, nan where unknown; one fewer than there are beliefs.
+        model: of these motions.
+        generator: of random numbers.
+
+    Returns:
+        The same particles with other weights; the last belief is as it was.
+
+    Raises:
+        ValueError: there are not as many motions as there should be.
+
+    Example:
+        >>> from sextant.localization.motion import ExponentialMotion
+        >>> start = Belief.uniform(torch.tensor([[[0.0, 0, 0], [9.0, 0, 0]]], dtype=torch.float64))
+        >>> end = Belief.uniform(torch.tensor([[[1.0, 0, 0]]], dtype=torch.float64))  # one metre ahead of the first
+        >>> motion, draws = torch.tensor([[1.0, 0, 0]], dtype=torch.float64), torch.Generator()
+        >>> smoothed([start, end], [motion], ExponentialMotion(), draws)[0].weights.round(decimals=2).tolist()
+        [[1.0, 0.0]]
+    """
+    if len(motions) != len(beliefs) - 1:
+        raise ValueError(f"{len(motions)} motions between {len(beliefs)} beliefs")
+    found = [beliefs[-1]]
+    for belief, motion in zip(reversed(beliefs[:-1]), reversed(motions), strict=True):
+        increments = model.sample(belief.poses.new_zeros(len(motion), DRAWS, 3), motion, generator)
+        later = found[-1]
+        rows = [
+            _reweighed(belief.poses[run], belief.log_weights[run], later.poses[run], later.log_weights[run], drawn)
+            for run, drawn in enumerate(increments)
+        ]
+        found.append(Belief.of(belief.poses, torch.stack(rows)))
+    return found[::-1]
+
+
+def _reweighed(
+    poses: Float64[Tensor, "p 3"],
+    log_weights: Float64[Tensor, "p"],
+    later: Float64[Tensor, "q 3"],
+    later_log_weights: Float64[Tensor, "q"],
+    increments: Float64[Tensor, "d 3"],
+) -> Float64[Tensor, "p"]:
+    """Log weights of the particles of a run, given those after it."""
+    first = increments[:1]
+    off = _less(increments, first)
+    mean = first + off.mean(0)
+    factor = torch.linalg.cholesky(torch.cov(off.T) + torch.diag(poses.new_tensor(LEAST) ** 2))
+    gathered = torch.full_like(log_weights, -torch.inf)
+    for some, weights in zip(later.split(CHUNK), later_log_weights.split(CHUNK), strict=True):
+        moved = _less(se2_between(poses[:, None], some[None]), mean)
+        white = torch.linalg.solve_triangular(factor, moved.reshape(-1, 3).T, upper=False)
+        log_f = torch.logaddexp(-0.5 * white.square().sum(0), white.new_tensor(ELSEWHERE)).reshape(moved.shape[:2])
+        behind = torch.logsumexp(log_weights[:, None] + log_f, 0)
+        gathered = torch.logaddexp(gathered, torch.logsumexp(weights + log_f - behind, 1))
+    return log_weights + gathered
+
+
+def _less(motions: Float64[Tensor, "*n 3"], mean: Float64[Tensor, "1 3"]) -> Float64[Tensor, "*n 3"]:
+    """Differences, of headings by the shorter way."""
+    off = motions - mean
+    return torch.cat([off[..., :2], wrap_angle(off[..., 2:])], dim=-1)
