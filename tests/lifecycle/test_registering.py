@@ -79,18 +79,18 @@ def test_a_registered_run_answers_as_the_run_does(outputs, places, capsys):
     assert np.linalg.norm(rows[0]["descriptor"]) == pytest.approx(1, abs=1e-5)
 
 
-def test_a_registered_run_has_a_signature_an_example_and_a_card_and_nothing_pickled(outputs, places):
-    register_run(str(places), "signed", outputs)
-    model = loaded(outputs, "signed/1")
+def test_a_registered_run_has_a_signature_an_example_and_a_card_and_nothing_pickled(places, tmp_path):
+    register_run(str(places), "signed", tmp_path)
+    files = [path for path in tmp_path.rglob("artifacts/**/*") if path.is_file()]
+    assert {path.suffix for path in files} <= {"", ".txt", ".yaml", ".json", ".py", ".md", ".ckpt"}
+    assert {path.name for path in files} >= {"served_code.py", "input_example.json", "model_card.md"}
+    model = loaded(tmp_path, "signed/1")
     assert [(column.name, column.type.name) for column in model.metadata.signature.inputs] == [("image", "binary")]
     assert [column.name for column in model.metadata.signature.outputs] == ["descriptor", "error"]
     with pytest.raises(Exception, match="image"):
         model.predict(table(PHOTOS).rename(columns={"image": "picture"}))
-    version = open_store("sqlite", None, outputs).client.get_model_version("signed", "1")
+    version = open_store("sqlite", None, tmp_path).client.get_model_version("signed", "1")
     assert "| `descriptor` | doubles |" in version.description
-    files = [path for path in outputs.rglob("artifacts/**/*") if path.is_file()]
-    assert {path.suffix for path in files} <= {"", ".txt", ".yaml", ".json", ".py", ".md", ".ckpt"}
-    assert {path.name for path in files} >= {"served_code.py", "input_example.json", "model_card.md"}
 
 
 def test_a_registered_run_belongs_to_its_run_in_the_store(outputs):

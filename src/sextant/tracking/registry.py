@@ -1,6 +1,7 @@
 """Models in MLflow's registry, which its server can serve."""
 
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -101,7 +102,7 @@ def register_model(store: Store, found: Registration, example: bytes, answer: Ma
 
     import sextant
 
-    with _at(store, found.experiment), warnings.catch_warnings():
+    with _at(store, found.experiment), _source_alone(), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MLflow asks for type hints, of which it would make another signature
         info = Model.log(
             artifact_path=None,
@@ -129,6 +130,16 @@ def _signature(row: Mapping[str, Any]) -> "ModelSignature":
     kinds: dict[type, Any] = {list: Array(DataType.double), float: DataType.double, str: DataType.string}
     answers: list[Any] = [ColSpec(kinds[type(value)], name, required=False) for name, value in row.items()]
     return ModelSignature(Schema([ColSpec(DataType.binary, IMAGE)]), Schema(answers))
+
+
+@contextmanager
+def _source_alone() -> Iterator[None]:
+    """MLflow imports the code from the model's folder, where no compiled copy of it is to be left."""
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = before
 
 
 @contextmanager

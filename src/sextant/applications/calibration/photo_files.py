@@ -3,7 +3,7 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import UInt8
@@ -16,8 +16,9 @@ from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_atomically, write_json
 from sextant.data.photos import Keep, read_photo
 from sextant.data.photos.file_stems import file_stems
-from sextant.figures.calibration.overlay import LONGEST_SIDE, CalibratedPhoto, calibration_overlay
-from sextant.figures.style import save_figure
+
+if TYPE_CHECKING:
+    from sextant.figures.calibration.overlay import CalibratedPhoto
 
 SHEET = 40  # photos on the contact sheet
 #: how photos are straightened, if they are
@@ -26,7 +27,7 @@ Undistort = Keep | Literal["none"]
 
 def write_photos(
     found: Sequence[PhotoCamera | FailedPhoto], output: Path, undistort: Undistort
-) -> tuple[list[dict[str, Any]], list[CalibratedPhoto]]:
+) -> tuple[list[dict[str, Any]], "list[CalibratedPhoto]"]:
     """Write ``<stem>.json``, ``<stem>_overlay.png`` and ``<stem>_undistorted`` of each photo that did not fail.
 
     Returns:
@@ -35,6 +36,9 @@ def write_photos(
     Raises:
         UserError: the disk is full, or the folder cannot be written to.
     """
+    from sextant.figures.calibration.overlay import LONGEST_SIDE, calibration_overlay
+    from sextant.figures.style import save_figure
+
     sheet: list[CalibratedPhoto] = []
     rows = [each.row() for each in found]
     good = [(each, row) for each, row in zip(found, rows, strict=True) if isinstance(each, PhotoCamera)]
