@@ -41,13 +41,9 @@ Said = dict[str, str | None]
 def nothing_is_drawn():
     """Drawing takes longer than all the rest, and every task's drawing has tests of its own."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (
-            "applications.calibration.photo_files",
-            "figures.style",
-            "cli.cosfire_detection.predict",
-        ):
+        for module in ("figures.style", "cli.cosfire_detection.predict"):
             patch.setattr(f"sextant.{module}.save_figure", lambda *_: None)
-        patch.setattr("sextant.applications.calibration.photo_files.calibration_overlay", lambda _: None)
+        patch.setattr("sextant.figures.calibration.overlay.calibration_overlay", lambda _: None)
         patch.setattr("sextant.figures.calibration.overlay.calibration_sheet", lambda _: None)
         for name in ("cosfire_filter", "cosfire_responses"):
             patch.setattr(f"sextant.cli.cosfire_detection.predict.{name}", lambda *_, **__: None)

@@ -8,10 +8,9 @@ def drawn(request, monkeypatch):
     """Draw nothing unless the test takes ``figures``."""
     if "figures" in request.fixturenames:
         return
-    for module in ("applications.calibration.photo_files", "figures.style"):
-        monkeypatch.setattr(
-            f"sextant.{module}.save_figure", lambda figure, folder, name: (folder / f"{name}.png").touch()
-        )
+    monkeypatch.setattr(
+        "sextant.figures.style.save_figure", lambda figure, folder, name: (folder / f"{name}.png").touch()
+    )
 
 
 @pytest.fixture

@@ -37,8 +37,7 @@ def test_a_disk_that_is_full_at_any_file_is_one_mistake_and_keeps_what_was_writt
         (folder / f"{name}.png").touch()
 
     monkeypatch.setattr(Path, "replace", refusing_replace)
-    for module in ("applications.calibration.photo_files", "figures.style"):
-        monkeypatch.setattr(f"sextant.{module}.save_figure", refusing_figure)
+    monkeypatch.setattr("sextant.figures.style.save_figure", refusing_figure)
     out = tmp_path / "out"
     with pytest.raises(UserError, match=r"output=.*the disk is full"):
         calibrate(two, out)
