@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sextant.data.localization.frames import VIDEOS
+from sextant.data.localization.rosbag import FIRST, METADATA
 from sextant.data.photo_files import FOUND_IN_FOLDERS
 from sextant.data.places.image_files import natural_key
 
@@ -14,10 +15,6 @@ from sextant.data.places.image_files import natural_key
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 #: what may hold poses, or what is known of photos
 TABLES = (".txt", ".csv", ".tum", ".kitti", ".json", ".bin")
-
-
-#: the file by which a folder is a bag of ROS 2
-METADATA = "metadata.yaml"
 
 
 @dataclass(frozen=True)
@@ -52,14 +49,14 @@ def found_files(path: Path) -> FoundFiles:
     images, videos, tables, raw = (tuple(file for file in files if file.suffix.lower() in kind) for kind in kinds)
     for file in raw:
         unreadable[file.as_posix()] = f"is {file.suffix}, which is not decoded here: save it as JPEG"
-    bags = {file.parent if file.name == METADATA else file for file in files if file.name == METADATA or _is_bag(file)}
+    bags = {
+        file.parent if file.name == METADATA else file
+        for file in files
+        if file.name == METADATA or file.suffix.lower() == FIRST
+    }
     known = {*images, *videos, *tables, *raw, *bags}
     others = Counter(file.suffix.lower() or file.name for file in files if file not in known)
     return FoundFiles(images, videos, tables, tuple(sorted(bags)), dict(others), unreadable, tuple(links))
-
-
-def _is_bag(file: Path) -> bool:
-    return file.suffix.lower() == ".bag"
 
 
 def _walk(folder: Path, unreadable: dict[str, str], links: list[Path]) -> Iterator[Path]:

@@ -187,7 +187,7 @@ class Localizer:
     def past(self) -> list[LocalizedPose]:
         """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
 
-        A step of 1,000 particles takes some hundredths of a second, so ask for it when it is needed.
+        It compares all particles of a step with all of the next, so ask for it when it is needed.
         """
         beliefs, motions = [belief for belief, _ in self._past], [motion[None] for _, motion in self._past[1:]]
         if not beliefs:

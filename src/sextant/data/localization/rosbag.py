@@ -27,6 +27,8 @@ from sextant.data.localization.pose_formats import pose_matrices
 from sextant.data.places.image_files import picture_bytes
 from sextant.errors import ArgumentError, UserError
 
+#: of a file of ROS 1, and the file by which a folder is a bag of ROS 2
+FIRST, METADATA = ".bag", "metadata.yaml"
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 ODOMETRY = ("nav_msgs/msg/Odometry",)
 #: encoding of sensor_msgs/Image -> channels, and their order as RGB (None: grey)
@@ -43,7 +45,7 @@ ENCODINGS: dict[str, tuple[int, tuple[int, ...] | None]] = {
 
 def is_rosbag(path: Path) -> bool:
     """Whether a path is a bag by its name: a file of ROS 1, or a folder that ROS 2 recorded."""
-    return (path.suffix == ".bag" and path.is_file()) or (path / "metadata.yaml").is_file()
+    return (path.suffix.lower() == FIRST and path.is_file()) or (path / METADATA).is_file()
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +106,7 @@ def open_rosbag(path: Path, image_topic: str | None = None, odometry_topic: str 
         if images is None:
             raise UserError(f"{path} has no images", f"Its topics: {bag.listed()}.")
         moves = _topic(bag, ODOMETRY, "odometry_topic", odometry_topic)
-        times = _times([(stamp, taken) for _, taken, stamp in bag.stamps(images)])
+        times = _times([(stamp, taken) for _, _, taken, stamp in bag.stamps(images)])
         odometry = None if moves is None else _odometry(bag, moves)
     return Bag(path, images, times[::every], odometry, every)
 
@@ -137,12 +139,12 @@ class _Opened:
         for link, taken, raw in self.reader.messages(connections=links):
             yield link.msgtype, taken * 1e-9, raw
 
-    def stamps(self, topic: str) -> Iterator[tuple[bytes, float, float]]:
-        """Bytes, seconds of the recording and of the header of each message, which is not decoded."""
-        for _, taken, raw in self.messages(topic):
+    def stamps(self, topic: str) -> Iterator[tuple[str, bytes, float, float]]:
+        """Type, bytes, seconds of the recording and of the header of each message, which is not decoded."""
+        for kind, taken, raw in self.messages(topic):
             order = "<" if self._first or raw[1] & 1 else ">"
             seconds, nanoseconds = struct.unpack_from(f"{order}II", raw, 4)  # after seq, or after CDR's own header
-            yield raw, taken, seconds + nanoseconds * 1e-9
+            yield kind, raw, taken, seconds + nanoseconds * 1e-9
 
 
 @contextmanager
@@ -155,7 +157,7 @@ def _opened(path: Path) -> Iterator[_Opened]:
             yield bag
     except UserError:
         raise
-    except (Exception, AssertionError) as error:  # its readers raise errors of their own, of sqlite and of YAML
+    except Exception as error:  # its readers raise errors of their own, of sqlite and of YAML
         told = str(error).splitlines()[0] if str(error) else repr(error)
         raise UserError(
             f"{path} cannot be read as a ROS bag: {told}", "Was its recording ended? ros2 bag reindex"
@@ -184,8 +186,8 @@ def _times(found: list[tuple[float, float]]) -> Float64[ndarray, "n"]:
 
 
 def _odometry(bag: _Opened, topic: str) -> OdometryFile:
-    times = _times([(stamp, taken) for _, taken, stamp in bag.stamps(topic)])
-    found = [bag.message(raw, kind).pose.pose for kind, _, raw in bag.messages(topic)]
+    rows = [(bag.message(raw, kind).pose.pose, (stamp, taken)) for kind, raw, taken, stamp in bag.stamps(topic)]
+    found, times = [pose for pose, _ in rows], _times([seconds for _, seconds in rows])
     position = np.array([(p.position.x, p.position.y, p.position.z) for p in found])
     turned = np.array([(p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in found])
     fine = np.isfinite(position).all(axis=1) & (np.abs(np.linalg.norm(turned, axis=1) - 1) < 0.01)
