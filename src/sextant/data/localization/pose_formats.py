@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
 from sextant.atomic_files import write_atomically
 from sextant.data.localization.plane import to_plane
@@ -94,13 +95,7 @@ def _floats(words: list[str]) -> list[float] | None:
 
 def pose_matrices(position: Float64[ndarray, "n 3"], quaternion: Float64[ndarray, "n 4"]) -> Float64[ndarray, "n 4 4"]:
     """Poses of positions and quaternions (x, y, z, w) of any length but 0."""
-    x, y, z, w = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
-    rotation = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
     poses = np.tile(np.eye(4), (len(position), 1, 1))
-    poses[:, :3, :3] = np.moveaxis(np.array(rotation), -1, 0)
+    poses[:, :3, :3] = Rotation.from_quat(quaternion).as_matrix()
     poses[:, :3, 3] = position
     return poses

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.data.reconstructions.reconstruction import (
@@ -63,7 +63,7 @@ def _image(name: str, shot: Mapping[str, Any], lenses: Mapping[str, Any]) -> Pos
     turn, translation = finite(shot.get("rotation"), 3), finite(shot.get("translation"), 3)
     if turn is None or translation is None:
         return None
-    rotation = np.asarray(cv2.Rodrigues(turn)[0], np.float64)
+    rotation = np.asarray(Rotation.from_rotvec(turn).as_matrix())
     return PosedImage(name, inverted(rotation, translation), _lens(lenses.get(str(shot.get("camera")))))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
 from sextant.data.places.image_files import natural_key
 from sextant.data.places.problem_list import problem_list
@@ -118,14 +119,8 @@ def rotation_of(quaternion: Float64[ndarray, "4"]) -> Float64[ndarray, "3 3"] | 
     length = math.hypot(*quaternion.tolist())
     if not abs(length - 1) <= ROTATION_TOLERANCE:
         return None
-    w, x, y, z = quaternion / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    w, *xyz = quaternion.tolist()
+    return np.asarray(Rotation.from_quat([*xyz, w]).as_matrix())
 
 
 def finite(value: Any, *shape: int) -> Float64[ndarray, "..."] | None:
