@@ -13,7 +13,7 @@ from tiny_office import office_run
 from sextant import Localizer
 from sextant.applications.localization import written_poses
 from sextant.applications.localization.written_poses import Replay
-from sextant.cli import predict
+from sextant.cli import predict, work_progress
 from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.pose_formats import read_tum, write_tum
 from sextant.errors import UserError
@@ -161,11 +161,13 @@ def test_a_recording_of_a_robot_is_localized_as_its_images_and_odometry_are(offi
         assert float(row["y"]) == pytest.approx(float(photo["y"]), abs=1e-4)
 
 
-def test_a_drive_is_smoothed_and_the_filter_goes_as_without_it(office, photos, tmp_path):
+def test_a_drive_is_smoothed_and_the_filter_goes_as_without_it(office, photos, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(work_progress, "LINE_S", 0.0)
     odometry = table(tmp_path / "odometry.csv", odometry_poses(office))
     plain = localize(office, photos, tmp_path / "plain", f"odometry={odometry}", "particles=300")
     rows = localize(office, photos, tmp_path / "out", f"odometry={odometry}", "particles=300", "smooth=true")
     assert rows == plain
+    assert f"smoothing {office.frames}/{office.frames} images" in capsys.readouterr().out
     filtered, smooth = (read_tum(tmp_path / "out" / f"{name}.tum")[1] for name in ("trajectory", "smoothed"))
     assert np.allclose(filtered[-1], smooth[-1])
     truth = office.drive.poses[: office.frames]

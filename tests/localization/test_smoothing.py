@@ -122,6 +122,13 @@ def test_runs_are_smoothed_each_for_itself():
     np.testing.assert_allclose(found[0].weights[0], found[0].weights[1], atol=0.02)
 
 
+def test_it_says_how_far_it_is():
+    beliefs, motions = filtered([0.0, 1.0, 2.0], 5, seed=0)
+    steps = []
+    smoothed(beliefs, motions, WALK, torch.Generator(), progress=lambda done, total: steps.append((done, total)))
+    assert steps == [(2, 3), (3, 3)]
+
+
 def test_the_number_of_motions_is_checked():
     beliefs, motions = filtered([0.0, 1.0, 2.0], 5, seed=0)
     with pytest.raises(ValueError, match="1 motions between 3 beliefs"):

@@ -1,19 +1,20 @@
 """How far long work is, whatever the work."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sextant.cli.console import console
+from sextant.reporter import Advance
 
 #: seconds between two lines where there is no terminal
 LINE_S = 5.0
 
 
 @contextmanager
-def work_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+def work_progress(what: str, unit: str) -> Iterator[Advance]:
     """A function that shows how far the work is: a bar on a terminal, a line every few seconds elsewhere."""
     if not console.is_terminal:
         drawn = time.monotonic()

@@ -9,7 +9,6 @@ from sextant.composing.rendered_datasets import is_rendered, rendered_datasets
 from sextant.config import validate
 from sextant.config.building import naming_groups
 from sextant.data.rendered import (
-    Progress,
     RenderedStore,
     RenderPlan,
     chunks_of,
@@ -21,6 +20,7 @@ from sextant.data.rendered import (
 from sextant.data.rendered.layout import StoreLayout
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset
+from sextant.reporter import Advance
 
 
 def plan_of(overrides: Sequence[str]) -> tuple[RenderPlan, Path]:
@@ -52,7 +52,7 @@ def fill(
     shards: int | None,
     shard: int | None,
     threads: int,
-    progress: Progress | None = None,
+    progress: Advance | None = None,
 ) -> int:
     """Render what is missing in a store of :func:`open_target`; without ``shard``, put the parts together.
 

@@ -15,6 +15,7 @@ from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import Initialisation
 from sextant.localization.observers import Observer
 from sextant.localization.particle_filter import FilterState, ParticleFilter
+from sextant.reporter import Advance
 
 #: called with the number of the step and what is believed after it
 Watch = Callable[[int, Belief], None]
@@ -59,7 +60,7 @@ def localize(
     particles: int,
     radius: float,
     watch: Watch | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Advance | None = None,
 ) -> Track:
     """Run a filter along runs, step by step.
 

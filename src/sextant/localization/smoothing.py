@@ -17,6 +17,7 @@ from torch import Tensor
 from sextant.geometry.planar import se2_between, wrap_angle
 from sextant.localization.belief import Belief
 from sextant.localization.motion import MotionModel
+from sextant.reporter import Advance
 
 #: of a motion, to learn its mean and covariance from
 DRAWS = 4096
@@ -34,6 +35,8 @@ def smoothed(
     motions: Sequence[Float64[Tensor, "r 3"]],
     model: MotionModel,
     generator: torch.Generator,
+    *,
+    progress: Advance = lambda done, total: None,
 ) -> list[Belief]:
     """The beliefs of a drive, each given everything until its end.
 
@@ -42,6 +45,7 @@ def smoothed(
         motions: between them, in the robot's frame, nan where unknown; one fewer than there are beliefs.
         model: of these motions.
         generator: of random numbers.
+        progress: called with the number of beliefs that are smoothed, and of all.
 
     Returns:
         The same particles with other weights; the last belief is as it was.
@@ -68,6 +72,7 @@ def smoothed(
             for run, drawn in enumerate(increments)
         ]
         found.append(Belief.of(belief.poses, torch.stack(rows)))
+        progress(len(found), len(beliefs))
     return found[::-1]
 
 

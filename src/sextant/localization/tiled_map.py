@@ -11,7 +11,7 @@ images, blocks and tiles that are done.
 """
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
@@ -36,13 +36,12 @@ from sextant.localization.observation.neighbourhoods import check_neighbours
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.saved_map import HEADER, array_path, write_header
 from sextant.localization.spatial_order import spatial_order
+from sextant.reporter import Advance
 
 #: images of a tile: 2 MiB of 128 values
 TILE = 4096
 PROGRESS, INCOMING = "building.json", "incoming"
 FORMAT = "sextant.tiled_map_in_the_making"
-#: called with the number of images done in the current step, and of all
-Told = Callable[[int, int], None]
 
 
 class TiledMapBuilder:
@@ -105,7 +104,7 @@ class TiledMapBuilder:
         map_evidence: MapEvidence = "image",
         tile: int = TILE,
         facts: dict[str, Any] | None = None,
-        progress: Told | None = None,
+        progress: Advance | None = None,
     ) -> None:
         """Sort the images, prepare their neighbourhoods, and make a map of the folder.
 
@@ -113,7 +112,7 @@ class TiledMapBuilder:
             kernel, likelihood: see :func:`~sextant.localization.saved_map.save_map`.
             neighbours, blend, map_evidence, tile: of the :class:`CachedLocalGP` that the map is opened as.
             facts: what else is kept with the map.
-            progress: see :data:`Told`.
+            progress: called with the number of images done in the current step, and of all.
 
         Raises:
             UserError: there is no image, there are two at one pose, ``neighbours`` or ``blend`` is not a number of
@@ -168,7 +167,7 @@ class TiledMapBuilder:
 
     # -- sorting -------------------------------------------------------------------------------------------------------
 
-    def _sort(self, progress: Told | None) -> None:
+    def _sort(self, progress: Advance | None) -> None:
         poses = torch.from_numpy(np.fromfile(self._incoming("poses"), np.float64, 3 * self.images).reshape(-1, 3))
         _refuse_repeated(poses)
         order = spatial_order(poses)
@@ -208,7 +207,7 @@ class TiledMapBuilder:
     def _caches(self, kernel: PoseKernel, k: int) -> dict[str, tuple[tuple[int, ...], type[np.generic]]]:
         return {f"state/{name}": kind for name, kind in layout(self.images, k, kernel).items()}
 
-    def _prepare(self, kernel: PoseKernel, k: int, size: int, progress: Told | None) -> None:
+    def _prepare(self, kernel: PoseKernel, k: int, size: int, progress: Advance | None) -> None:
         settings = {"kernel": asdict(kernel) | {"length": list(kernel.length)}, "neighbours": k, "tile": size}
         if self._state.get("settings") != settings:  # not begun, or begun with others
             for name, (shape, dtype) in self._caches(kernel, k).items():

@@ -44,6 +44,7 @@ from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
+from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 
 #: how independent one image's evidence is taken to be, where no traverse tells
@@ -184,16 +185,21 @@ class Localizer:
         self._past = [*self._past[-self.lag :], (state.belief, moved)] if self.lag else []
         return self._told(state.belief, degenerate=bool(told.degenerate[0]))
 
-    def past(self) -> list[LocalizedPose]:
+    def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
 
         It compares all particles of a step with all of the next, so ask for it when it is needed.
+
+        Args:
+            progress: called with the number of steps that are smoothed, and of all.
         """
         beliefs, motions = [belief for belief, _ in self._past], [motion[None] for _, motion in self._past[1:]]
         if not beliefs:
             return []
         draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
-        return [self._told(belief) for belief in smoothed(beliefs, motions, self.filter.motion, draws)]
+        return [
+            self._told(belief) for belief in smoothed(beliefs, motions, self.filter.motion, draws, progress=progress)
+        ]
 
     def _told(self, belief: Belief, *, degenerate: bool = False) -> LocalizedPose:
         found = estimate(belief, self.radius)

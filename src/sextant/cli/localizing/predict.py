@@ -64,7 +64,9 @@ def predict_poses(
         written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
         if options.smooth:
             written.append(output / "smoothed.tum")
-            write_tum(written[-1], drive.times_s, np.stack([told.pose for told in localizer.past()]))
+            with work_progress("smoothing", "images") as progress:
+                poses = np.stack([told.pose for told in localizer.past(progress)])
+            write_tum(written[-1], drive.times_s, poses)
         if options.replay != "none":
             written.append(
                 _animation(partial(replay.write, rows, positions, unit=localizer.unit), output, options.replay, remarks)

@@ -22,12 +22,12 @@ from sextant.data.localization.drive import Drive
 from sextant.data.places.image_rows import ImageRows
 from sextant.errors import UserError
 from sextant.kept_array import keep_array, open_kept
+from sextant.reporter import Advance
 
 #: images read and described at a time: 64x96 pixels in colour are 18 MB
 BATCH = 1024
-Progress = Callable[[int, int], None]
 #: makes a progress display for what it is told
-Showing = Callable[[str], AbstractContextManager[Progress]]
+Showing = Callable[[str], AbstractContextManager[Advance]]
 
 
 @runtime_checkable
@@ -104,7 +104,7 @@ class DescribedDrives:
                 f"{path.parent}: descriptors cannot be stored there: {error}", "paths.cache=<folder>"
             ) from None
 
-    def _describe(self, images: ImageRows, progress: Progress, file: BinaryIO) -> None:
+    def _describe(self, images: ImageRows, progress: Advance, file: BinaryIO) -> None:
         for start in range(0, len(images), BATCH):
             found = np.ascontiguousarray(self.describer.describe(images[start : start + BATCH]), np.float32)
             if start == 0:

@@ -2,7 +2,7 @@
 
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import ArraySpec, RenderPlan
-from sextant.data.rendered.progress import Progress, Showing, notify_every
+from sextant.data.rendered.progress import Showing, notify_every
 from sextant.data.rendered.repair import forget_chunks, repair_store
 from sextant.data.rendered.shards import chunks_of, merge_shards, open_shard
 from sextant.data.rendered.source import modules_sha256
@@ -15,7 +15,6 @@ __all__ = [
     "ChunkDamage",
     "FileDamage",
     "Manifest",
-    "Progress",
     "RenderPlan",
     "RenderedSource",
     "RenderedStore",

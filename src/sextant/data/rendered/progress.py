@@ -5,14 +5,13 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from sextant.data.rendered.lock import log
+from sextant.reporter import Advance
 
-#: called with the number of items that are done and of all
-Progress = Callable[[int, int], None]
 #: makes a context in which progress is shown
-Showing = Callable[[], AbstractContextManager[Progress]]
+Showing = Callable[[], AbstractContextManager[Advance]]
 
 
-def notify_every(seconds: float, what: str) -> Progress:
+def notify_every(seconds: float, what: str) -> Advance:
     """A function that logs how far the work is, every so often."""
     told = time.monotonic()
 

@@ -11,9 +11,9 @@ from numpy import ndarray
 
 from sextant.data.rendered.lock import Notify, log
 from sextant.data.rendered.plan import RenderPlan
-from sextant.data.rendered.progress import Progress
 from sextant.data.rendered.store import RenderedStore, open_store
 from sextant.errors import ArgumentError, UserError
+from sextant.reporter import Advance
 
 
 def open_shard(
@@ -46,7 +46,7 @@ def merge_shards(
     plan: RenderPlan,
     cache: Path | str,
     shards: int,
-    progress: Progress | None = None,
+    progress: Advance | None = None,
     *,
     threads: int = 1,
     notify: Notify = log.info,

@@ -20,9 +20,9 @@ from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, check_a
 from sextant.data.rendered.lock import Notify, log, store_lock
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.data.rendered.plan import RenderPlan
-from sextant.data.rendered.progress import Progress
 from sextant.data.rendered.rendering import ChunkWriter, written_chunks
 from sextant.errors import UserError
+from sextant.reporter import Advance
 
 
 def open_store(plan: RenderPlan, cache: Path | str, *, notify: Notify = log.info) -> "RenderedStore":
@@ -136,7 +136,7 @@ class RenderedStore:
         self._refresh()
         return self._rendered
 
-    def fill(self, progress: Progress | None = None, threads: int = 1, *, chunks: Sequence[int] | None = None) -> int:
+    def fill(self, progress: Advance | None = None, threads: int = 1, *, chunks: Sequence[int] | None = None) -> int:
         """Render what is missing and return how many items this process rendered.
 
         Waits while another process renders, and goes on if that one dies. Killed at any moment, it loses no more than
@@ -232,7 +232,7 @@ class RenderedStore:
         self._refresh()
         return [chunk for chunk in chunks if not self._rendered[chunk]]
 
-    def _render(self, chunks: Sequence[int], threads: int, progress: Progress) -> int:
+    def _render(self, chunks: Sequence[int], threads: int, progress: Advance) -> int:
         """Render those of ``chunks`` that are missing, under the store's lock."""
         if not self._missing(chunks):
             progress(self.rendered, len(self))
@@ -255,7 +255,7 @@ class RenderedStore:
                 made = self._render_missing(missing, self._plan, threads, progress)
         return made
 
-    def _render_missing(self, missing: Sequence[int], plan: RenderPlan, threads: int, progress: Progress) -> int:
+    def _render_missing(self, missing: Sequence[int], plan: RenderPlan, threads: int, progress: Advance) -> int:
         def needed() -> int:
             return self._needed(self._missing(missing))
 

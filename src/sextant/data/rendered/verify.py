@@ -1,7 +1,7 @@
 """Checking every byte of a store against its journal and its manifest."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +10,7 @@ from sextant.data.rendered.journal import ChunkRecord, Journal
 from sextant.data.rendered.layout import DamagedStoreError, StoreLayout, array_offset, check_array, part_sha256
 from sextant.data.rendered.manifest import Manifest, read_manifest
 from sextant.errors import UserError
+from sextant.reporter import Advance
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class StoreReport:
         return sum(stop - start for start, stop in spans)
 
 
-def verify_store(directory: Path | str, progress: Callable[[int, int], None] | None = None) -> StoreReport:
+def verify_store(directory: Path | str, progress: Advance | None = None) -> StoreReport:
     """Read a whole store and compare it with its hashes; changes nothing.
 
     Args:

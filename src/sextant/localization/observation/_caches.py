@@ -1,6 +1,5 @@
 """The caches of all neighbourhoods of a map, made in blocks of bounded memory, in memory or in files."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
@@ -16,6 +15,7 @@ from sextant.localization.observation._factor import noisy_factor, noisy_varianc
 from sextant.localization.observation.model import stored
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.reporter import Advance
 
 #: Noise in shares of the signal below which whiteners are kept in float64: their rounding would show in the variance.
 LITTLE_NOISE = 1e-3
@@ -57,7 +57,7 @@ class Caches:
         neighbourhoods: Neighbourhoods,
         k: int,
         folder: Path | None,
-        progress: Callable[[int, int], None] | None,
+        progress: Advance | None,
     ) -> Self:
         """The caches of a map; with a folder they are written there, and mapped.
 

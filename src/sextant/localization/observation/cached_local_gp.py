@@ -16,7 +16,6 @@ Source: all observations at the m nearest images' neighbourhoods weigh as expert
 product of experts for automatic and principled fusion of Gaussian process predictions", 2014.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, Self
 
@@ -38,6 +37,7 @@ from sextant.localization.observation.model import ObservationModel
 from sextant.localization.observation.neighbourhoods import Neighbourhoods, check_neighbours
 from sextant.localization.observation.prediction import Prediction, Residuals
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.reporter import Advance
 
 MapEvidence = Literal["image", "mean"]
 MAP_EVIDENCE: tuple[MapEvidence, ...] = ("image", "mean")
@@ -78,7 +78,7 @@ class CachedLocalGP(ObservationModel):
         map: DescriptorMap,
         kernel: PoseKernel,
         folder: Path | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Advance | None = None,
     ) -> Self:
         """Prepare all neighbourhoods, a block of images at a time.
 
@@ -98,7 +98,7 @@ class CachedLocalGP(ObservationModel):
         self._fit(folder, progress)
         return self
 
-    def _fit(self, folder: Path | None = None, progress: Callable[[int, int], None] | None = None) -> None:
+    def _fit(self, folder: Path | None = None, progress: Advance | None = None) -> None:
         self._prepare()
         self.caches = Caches.build(self.map, self.kernel, self.neighbourhoods, self.neighbours, folder, progress)
 

@@ -17,6 +17,7 @@ from sextant.evaluation.calibration.sparsification import sparsification
 from sextant.evaluation.calibration.summary import median_error, methods_table, summary
 from sextant.evaluation.conformal import TABLE_LEVELS, coverage
 from sextant.geometry import CameraParameters
+from sextant.reporter import Advance
 from sextant.tasks.calibration.module import Calibration
 from sextant.tasks.calibration.network import CalibrationPrediction, reported
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
     from sextant.baselines.calibration import CameraBelief
 
-Progress = Callable[[int, int], None]
 #: errors that are kept as metrics of a run
 KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undistortion_px")
 #: columns of the table that is printed
@@ -53,7 +53,7 @@ class CalibrationReport:
     few_lines_below: int = 0
 
 
-def compare(module: Calibration, data: CalibrationData, *, geometric: bool, progress: Progress) -> CalibrationReport:
+def compare(module: Calibration, data: CalibrationData, *, geometric: bool, progress: Advance) -> CalibrationReport:
     """The network's test predictions beside the baselines, on the same crops; geometric ones see them larger."""
     from sextant.baselines.calibration import ConstantCamera, PriorCamera
 
@@ -88,7 +88,7 @@ def compare(module: Calibration, data: CalibrationData, *, geometric: bool, prog
 
 
 def _geometric(
-    module: Calibration, data: CalibrationData, training: CameraParameters, n: int, progress: Progress
+    module: Calibration, data: CalibrationData, training: CameraParameters, n: int, progress: Advance
 ) -> tuple[dict[str, CameraParameters], Int64[ndarray, "n"]]:
     """Cameras of every geometric method for the test crops, and how many long segments each crop has."""
     from sextant.baselines.calibration import (
@@ -132,7 +132,7 @@ def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
     ]
 
 
-def _segment_counts(data: CalibrationData, split: str, progress: Progress) -> Int64[ndarray, "n"]:
+def _segment_counts(data: CalibrationData, split: str, progress: Advance) -> Int64[ndarray, "n"]:
     from sextant.baselines.calibration import count_long, detect_segments
 
     def look(i: int, image: UInt8[ndarray, "h w 3"]) -> int:
@@ -142,7 +142,7 @@ def _segment_counts(data: CalibrationData, split: str, progress: Progress) -> In
 
 
 def _over_crops(
-    data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Progress
+    data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Advance
 ) -> Iterator[Any]:
     """``look(i, image)`` for the first ``n`` crops of a split, in order, on two threads."""
     crops = data.larger(split)

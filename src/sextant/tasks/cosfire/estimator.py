@@ -15,6 +15,7 @@ from sextant.baselines.grey import LUMA
 from sextant.baselines.linear_svm import LinearSVM
 from sextant.layers.cosfire import Cosfire, DoGBank, GaborBank
 from sextant.models import FeatureMap
+from sextant.reporter import Advance
 from sextant.tasks.cosfire.comparison import Comparison
 from sextant.tasks.cosfire.filter_prototypes import Prototypes, PrototypeSettings, configure, own_responses
 from sextant.tasks.cosfire.fine_tuning import LinearLayer, fine_tune, log_maxima, tune_layer
@@ -33,7 +34,7 @@ from sextant.tasks.cosfire.methods import (
     strongest_filter,
     svm_of,
 )
-from sextant.tasks.cosfire.representations import Progress, feature_maps, filter_maxima
+from sextant.tasks.cosfire.representations import feature_maps, filter_maxima
 from sextant.tasks.cosfire.seen_images import SeenImages
 
 Labelled = tuple[UInt8[Tensor, "n c h w"], Int64[Tensor, "n"]]
@@ -83,7 +84,7 @@ class CosfireEstimator(nn.Module):
         features: FeatureMap | None = None,
         describe: Callable[[UInt8[ndarray, "n h w c"]], Float32[ndarray, "n d"]] | None = None,
         seed: int = 0,
-        show: Callable[[str], AbstractContextManager[Progress]] = lambda what: nullcontext(lambda done, total: None),
+        show: Callable[[str], AbstractContextManager[Advance]] = lambda what: nullcontext(lambda done, total: None),
     ):
         super().__init__()
         # checkpoints call their arrays by the names of these modules

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from sextant.errors import LossNotFiniteError
 from sextant.layers.cosfire import Cosfire
-from sextant.tasks.cosfire.representations import Progress
+from sextant.reporter import Advance
 
 #: images of a step
 BATCH = 32
@@ -83,7 +83,7 @@ def fine_tune(
     labels: Int64[Tensor, "n"],
     settings: FineTuning,
     generator: torch.Generator,
-    show: Progress = lambda done, total: None,
+    show: Advance = lambda done, total: None,
 ) -> Tuned:
     """Train a copy of ``filters`` and of the layer on the examples; ``filters`` stay as they are.
 
@@ -147,7 +147,7 @@ def _descend(
     labels: Int64[Tensor, "n"],
     settings: FineTuning,
     generator: torch.Generator,
-    show: Progress = lambda done, total: None,
+    show: Advance = lambda done, total: None,
 ) -> list[float]:
     """Adam over ``head`` and ``parts``; ``seen`` gives the log-maxima of examples by number. Mean loss by epoch."""
     number = head.number(labels)

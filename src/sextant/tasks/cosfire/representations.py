@@ -8,14 +8,14 @@ from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
 from sextant.layers.cosfire import Cosfire
+from sextant.reporter import Advance
 
 #: of the maps of all parts of all filters, that are held at a time
 FLOATS_AT_ONCE = 2**22
-Progress = Callable[[int, int], None]
 
 
 def filter_maxima(
-    filters: Cosfire, images: UInt8[Tensor, "n c h w"], show: Progress = lambda done, total: None, *, tiles: int = 1
+    filters: Cosfire, images: UInt8[Tensor, "n c h w"], show: Advance = lambda done, total: None, *, tiles: int = 1
 ) -> Float[Tensor, "n m"]:
     """The strongest response of each filter in each image, or each of tiles x tiles parts of it.
 
@@ -54,7 +54,7 @@ def _in_batches(
     images: UInt8[Tensor, "n c h w"],
     batch: int,
     device: torch.device,
-    show: Progress = lambda done, total: None,
+    show: Advance = lambda done, total: None,
 ) -> Tensor:
     found = []
     with torch.no_grad():

@@ -28,13 +28,13 @@ from sextant.localization.observers import Observer
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.recovery import Recovery
 from sextant.localization.resampling import Resampling
+from sextant.reporter import Advance
 from sextant.tasks.localization.validation import protocol_of
 
 #: bandwidth of the density of particles, in limits of the protocol
 BANDWIDTH = 0.25
 #: share of the uniform density in it
 BACKGROUND = 1e-3
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def run_trials(
     faults: Mapping[str, Fault],
     settings: TestSettings,
     make_observers: MakeObservers,
-    progress: Progress | None = None,
+    progress: Advance | None = None,
 ) -> Iterator[Outcome]:
     """Localize every test drive with every fault and number of particles.
 

@@ -1,6 +1,6 @@
 """The methods that a trained place descriptor is compared with, each as descriptors of the test images."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,6 @@ from sextant.baselines.lda import LDA
 from sextant.baselines.paired_descriptor import PairedDescriptor
 from sextant.data.places import PlaceImages, PlaceTolerance
 
-Progress = Callable[[int, int], None]
 #: images read and described at a time
 BATCH = 256
 

@@ -17,9 +17,10 @@ from sextant.evaluation.places.posterior import PlacePosterior, fit_temperature,
 from sextant.evaluation.places.precision_recall import PrecisionRecall, best_match_curve
 from sextant.evaluation.places.retrieval import RANKS, Recall, RetrievalProtocol, recall
 from sextant.evaluation.places.single_image_ceiling import picture_runs, single_image_ceiling, standstill
+from sextant.reporter import Advance
 from sextant.retrieval.nearest import Neighbours
 from sextant.retrieval.sequence_matching import match_sequences
-from sextant.tasks.places.methods import Described, Progress, baselines
+from sextant.tasks.places.methods import Described, baselines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,7 +95,7 @@ def compare(
     *,
     sequence_length: int,
     size: tuple[int, int],
-    progress: Progress = lambda done, total: None,
+    progress: Advance = lambda done, total: None,
 ) -> list[QueryReport]:
     """Every traverse but the first as queries, with the first as the map.
 
