@@ -106,6 +106,15 @@ def test_it_says_what_the_test_of_the_run_says(trained, tmp_path, capsys):
     assert f"best match right: {told['counts']['right']} of the {count} queries" in said
 
 
+def test_pairs_for_colmap_are_named_below_the_folder_around_both(rides, tmp_path, capsys):
+    rows, _ = look_up(*rides, tmp_path / "out", colmap="true", matches=2)
+    told = capsys.readouterr().out.replace("\n", "")
+    assert str(tmp_path / "out" / "pairs.txt") in told
+    lines = (tmp_path / "out" / "pairs.txt").read_text().splitlines()
+    assert lines == [f"night/{row['query']} day/{found['match']}" for row in rows for found in row["matches"]]
+    assert len(lines) == 12
+
+
 @pytest.mark.parametrize("centring", ["running", "all"])
 def test_the_mean_of_a_ride_is_taken_away(rides, tmp_path, centring):
     rows, told = look_up(*rides, tmp_path / "out", centring=centring)

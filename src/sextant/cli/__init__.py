@@ -38,7 +38,7 @@ EXTRAS = {
     "search": ("optuna", "cmaes"),
     "export": ("onnx", "onnxruntime", "onnxscript"),
     "html": ("vl_convert", "markdown_it"),
-    "timm": ("timm",),
+    "timm": ("timm",), "colmap": ("pycolmap",),
 }  # fmt: skip
 
 

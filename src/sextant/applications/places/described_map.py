@@ -205,6 +205,20 @@ class DescribedMap:
             temperature=self.temperature.value if centring == "none" else None, sequence=sequence, progress=progress,
         )  # fmt: skip
 
+    def pairs(self, k: int = 20) -> list[tuple[Path, Path]]:
+        """Each photo of the map with the k others that are most like it: what may show one place.
+
+        See :func:`~sextant.applications.places.image_pairs.write_pairs`, which writes them for COLMAP.
+
+        Raises:
+            ArgumentError: k is below 1.
+            UserError: the map is empty.
+        """
+        described = self.described
+        found, paths = self.match(described.index, k + 1).neighbours.indices, described.paths
+        others = ([other for other in row if other != i][:k] for i, row in enumerate(found.tolist()))
+        return [(paths[i], paths[other]) for i, row in enumerate(others) for other in row]
+
     def _same_place(self, described: DescribedPhotos) -> Positives:
         """Which photos of the map show one place, worked out once for as long as neither map nor tolerance changes."""
         usual = 0.0 if described.positions is None else self.tolerances["m"].positive

@@ -24,3 +24,5 @@ class CalibrationOptions(Options):
         None, title="none, exif or a focal length in pixels above 0", examples=["exif"]
     )
     """none (default), exif, or a focal length in pixels of the photo"""
+    colmap: bool = Field(False, examples=["true"])
+    """true: cameras and gravity as a database of COLMAP too, in <output>/colmap"""

@@ -30,3 +30,5 @@ class PlaceOptions(Options):
     so far (running), which is what light and season add; none unless given"""
     descriptors: bool = Field(False, examples=["true"])
     """true: keep the descriptors, so that the map can be used again"""
+    colmap: bool = Field(False, examples=["true"])
+    """true: each query with its matches in <output>/pairs.txt too, for COLMAP's matches_importer"""

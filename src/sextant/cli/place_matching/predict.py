@@ -7,6 +7,7 @@ from typing import Any
 
 from sextant.applications.places.describing import LARGEST_STRETCH, DescribedPhotos
 from sextant.applications.places.gallery_pages import write_gallery
+from sextant.applications.places.image_pairs import write_row_pairs
 from sextant.applications.places.known_places import KnownPlaces, check_truth, known_places
 from sextant.applications.places.matching import check_rides
 from sextant.applications.places.photo_folder import PhotoFolder
@@ -72,6 +73,8 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
     with work_progress("drawing", "pages") as progress:
         pages = write_gallery(rows, reference, queries, known, output, progress)
     kept = [path for path in (output / "map", output / "queries") if options.descriptors and path.is_dir()]
+    if options.colmap:
+        kept.append(write_row_pairs(rows, reference.photos.folder, queries.photos.folder, output))
     telling.tell(rows, counted, described, remarks, [output / "matches.csv", output / "matches.json", *pages, *kept])
     return rows
 
