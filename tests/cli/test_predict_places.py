@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from data.places.gps_pictures import add_gps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -260,7 +261,7 @@ def test_rides_of_two_folders_are_not_neighbours(tmp_path):
     assert by_name["one/000.png"] == by_name["one/001.png"] > 0.5 > by_name["two/000.png"]
 
 
-@pytest.mark.parametrize("known", ["csv", "csv around", "utm", "name", "order"])
+@pytest.mark.parametrize("known", ["csv", "csv around", "utm", "gps", "name", "order"])
 def test_truth(tmp_path, known):
     name = "@{number}00@0@.png" if known == "utm" else "{k:03d}.png"
     day, night = ride(tmp_path / "day", range(4), name=name), ride(tmp_path / "night", [0, 1, 2, 9], True, name)
@@ -272,6 +273,10 @@ def test_truth(tmp_path, known):
         for folder, places in ((day, range(4)), (night, [0, 1, 2, 9])):
             rows = [f"{k:03d}.png,{100 * n},0" for k, n in enumerate(places)]
             (folder / "poses.csv").write_text("\n".join(["file,x,y", *rows]))
+    if known == "gps":
+        for folder, places in ((day, range(4)), (night, [0, 1, 2, 9])):
+            for k, n in enumerate(places):
+                add_gps(folder / f"{k:03d}.png", 100 * n, 0)
     rows, told = look_up(day, night, tmp_path / "out", places=known.split()[0])
     frames = known in ("name", "order")  # there the last query is taken for the last map image
     assert [row["in_map"] for row in rows] == [True, True, True, frames]
@@ -454,7 +459,7 @@ def test_descriptors_that_are_not_finite_are_failures(rides, tmp_path):
         ({"queries": "{tmp}"}, "share files, for one lies in the other"),
         ({"matches": "0"}, "matches=0 must be a whole number from 1 up"),
         ({"sequence": "1"}, "sequence=1 must be a whole number from 2 up"),
-        ({"places": "gps"}, "places=gps must be one of none, csv, utm, name, order"),
+        ({"places": "imu"}, "places=imu must be one of none, csv, utm, gps, name, order"),
         ({"tolerance": "-1"}, "tolerance=-1 must be a number from 0 up"),
         ({"tolerance": "nan"}, "tolerance=nan must be a number"),
         ({"descriptors": "yes"}, "descriptors=yes must be true or false"),

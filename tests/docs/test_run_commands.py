@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from data.places.gps_pictures import add_gps
 from data.places.place_pictures import picture
 from docs_commands import ROOT, documented
 from PIL import Image
@@ -44,6 +45,10 @@ RUN = {
     "python train.py task=cosfire bank=gabor strategy=circles": (QUICK_FILTERS[1:] + PLAIN[2:], "cosfire_svm"),
     "python train.py task=localization": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     f"python train.py task=localization {POSES}": ((*QUICK_LOCALIZER, *FRAMES), "particles"),
+    f"python train.py task=localization {POSES} dataset.poses=gps dataset.protocol=town": (
+        (*QUICK_LOCALIZER, *FRAMES),
+        "particles",
+    ),
     "python train.py --help": ((), "Config groups"),
     "sextant runs": ((), "classification/"),
     "sextant runs delete <task>/<run>": ((), "deleted classification/"),
@@ -127,6 +132,7 @@ def desk(tmp_path_factory):
             noise = np.random.default_rng([k, name == "run"]).normal(scale=10, size=(16, 24, 3))
             seen = (0.8 * picture(k).astype(float) + 20 + noise).clip(0, 255).astype(np.uint8)
             Image.fromarray(seen).save(folder / "drives" / name / f"{k:03d}.png")
+            add_gps(folder / "drives" / name / f"{k:03d}.png", k + 0.1 * (name == "run"), 0, 0)
         rows = ["file,x,y,heading", *(f"{k:03d}.png,{k + 0.1 * (name == 'run')},0,0" for k in range(30))]
         (folder / "drives" / name / "poses.csv").write_text("\n".join(rows))
     with pytest.MonkeyPatch.context() as patch:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from data.localization.test_pose_folder import N, csv, kitti, names
 from data.photos.pictures import scene
+from data.places.gps_pictures import add_gps
 from data.places.place_pictures import write_pictures
 from data.reconstructions.written import WRITERS, some_poses
 from PIL import Image
@@ -67,10 +68,27 @@ def drives(folder, form):
             write_tum(inside / "poses.txt", 1000.25 + np.arange(N), LINE)
         elif form == "kitti":
             (inside / "poses.txt").write_text(kitti(LINE))
+        elif form == "gps":
+            for name, (x, y, _) in zip(names(), 4 * LINE, strict=True):
+                add_gps(inside / name, x, y)
         else:
             name, write = WRITERS[form]
             (inside / "sparse/0").mkdir(parents=True)
             write(inside / ("sparse/0" if form == "colmap" else "") / name, names(), spatial(LINE))
+
+
+def _apart(folder):
+    """Two drives by GPS in two towns."""
+    drives(folder, "gps")
+    for name in names():
+        add_gps(folder / "map" / name, 5000, 0)
+
+
+def _placed_rides(folder):
+    for ride in ("day", "night"):
+        write_pictures(folder / ride, names(), first=ord(ride[0]))
+        for k, name in enumerate(names()):
+            add_gps(folder / ride / name, 20 * k, 0, 90)
 
 
 def _copies(folder):
@@ -329,7 +347,7 @@ FOLDERS = {
     "classes with splits": (_split_classes, ["2 folders of images, cat to dog"]),
     "known cameras": (_known, ["the truth lies beside: known.csv", "sextant benchmark calibration"]),
     "a published set": (_published, ["sextant train dataset=mnist paths.data="]),
-    "tags": (_tags, ["GPS: 1 images", "gravity: 1 by accelerometer (Apple)"]),
+    "tags": (_tags, ["GPS: 1 images over 0 x 0 m, 0 with a direction", "gravity: 1 by accelerometer (Apple)"]),
     "drives with tables": (lambda folder: drives(folder, "csv"), ["'dataset.test={evening_run: \"evening run\"}'"]),
     "drives in TUM": (lambda folder: drives(folder, "tum"), ["dataset.poses=tum", "dataset.ahead=x"]),
     "drives in KITTI": (lambda folder: drives(folder, "kitti"), ["dataset.poses=kitti dataset.plane=xz"]),
@@ -339,6 +357,12 @@ FOLDERS = {
     ),
     "drives of OpenSfM": (lambda folder: drives(folder, "opensfm"), ["dataset.poses=opensfm dataset.plane=xz"]),
     "drives of nerfstudio": (lambda folder: drives(folder, "nerfstudio"), ["poses=nerfstudio dataset.plane=xz"]),
+    "drives by GPS": (
+        lambda folder: drives(folder, "gps"),
+        ["map (gps): 8 poses, of 8 of 8 images", "dataset.poses=gps", "the camera is taken to look along the way"],
+    ),
+    "GPS of two towns": (_apart, ["map (gps): 8 poses", "over 5,000 x 0 m"]),
+    "rides by GPS": (_placed_rides, ["places=gps", "dataset.poses=gps", "GPS: 16 images over 140 x 0 m, 16 with a d"]),
     "smaller copies": (_copies, ["dataset.map=map/images", "{evening_run_images: \"evening run/images\"}"]),
     "a name for a shell": (lambda folder: _classes(folder / "it's (2) [b], c=d $x"), ["dataset=image_folder"]),
 }  # fmt: skip

@@ -62,7 +62,7 @@ def test_a_folder_is_told_and_its_commands_are_understood(name, tmp_path):
             assert all(path.exists() for path in paths_of(command)), command
 
 
-@pytest.mark.parametrize("form", ["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio"])
+@pytest.mark.parametrize("form", ["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps"])
 def test_the_drives_that_a_command_names_can_be_read(form, tmp_path):
     drives(tmp_path, form)
     (command,) = next(each.commands for each in inspect(tmp_path).suggestions if each.task.startswith("localize"))
@@ -73,17 +73,23 @@ def test_the_drives_that_a_command_names_can_be_read(form, tmp_path):
     assert len(data.map) == 8
 
 
+def test_drives_in_two_towns_are_not_joined(tmp_path):
+    FOLDERS["GPS of two towns"][0](tmp_path)
+    assert not [each for each in inspect(tmp_path).suggestions if each.task.startswith("localize")]
+
+
 def test_no_suggestion_is_made_of_nothing(tmp_path):
     assert inspect(tmp_path).suggestions == ()
 
 
 def test_positions_and_times_of_headers(tmp_path):
-    gps = {1: "S", 2: (33.0, 30.0, 0.0), 3: "E", 4: (151.0, 0.0, 36.0), 5: b"\x01", 6: 12.0}
+    gps = {1: "S", 2: (33.0, 30.0, 0.0), 3: "E", 4: (151.0, 0.0, 36.0), 5: b"\x01", 6: 12.0, 16: "M", 17: 370.5}
     photo(tmp_path / "a.jpg", gps=gps, taken=90)
     (header,) = inspect(tmp_path).seen.headers.values()
-    assert header.gps == GpsPosition(pytest.approx(-33.5), pytest.approx(151.01), -12.0)
+    assert header.gps == GpsPosition(pytest.approx(-33.5), pytest.approx(151.01), -12.0, pytest.approx(10.5), True)
     assert header.taken_s == 1714557690  # 2024-05-01 10:01:30
-    assert inspect(tmp_path / "a.jpg").facts()["gps"] == 1
+    facts = inspect(tmp_path / "a.jpg").facts()
+    assert (facts["gps"], facts["gps_directions"], facts["gps_extent_m"]) == (1, 1, [0, 0])
 
 
 def test_folders_of_one_camera_each_are_calibrated_apart(tmp_path):

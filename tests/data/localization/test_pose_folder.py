@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from data.places.gps_pictures import add_gps
 from data.places.place_pictures import picture, write_pictures
 from data.reconstructions.written import WRITERS
 
@@ -98,6 +99,27 @@ def test_all_formats_tell_the_same(tmp_path, form):
     assert data.map.motion is None
     assert (late.times_s is not None) == (form == "tum")
     assert data.notes == ()
+
+
+@pytest.mark.parametrize("directed", [True, False])
+def test_gps_of_all_drives_is_in_the_frame_of_the_maps_first_image(tmp_path, directed):
+    turns = np.arctan2(0.5, 1.5) + (np.linspace(-1, 1, N) if directed else np.zeros(N))
+    poses = np.column_stack([3 * POSES[:, :2], turns])
+    for k, drive in enumerate(("map", "run")):
+        write_pictures(tmp_path / drive, names(), first=20 * k)
+        for name, (x, y, turn) in zip(names(), poses + np.array([0, k / 10, 0]), strict=True):
+            add_gps(tmp_path / drive / name, x, y, np.degrees(turn) if directed else None)
+    data = PoseFolder(str(tmp_path), height=16, width=24, poses="gps").read()
+    (late,) = data.test
+    np.testing.assert_allclose(data.map.poses, poses, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(late.poses, poses[2:] + np.array([0, 0.1, 0]), rtol=0, atol=1e-4)
+    assert np.array_equal(late.images[0], picture(22))
+    assert [note.split(" do not")[0] for note in data.notes[:-1]] == (
+        [] if directed else ["map: 8 of 8 images", "test.run: 8 of 8 images"]
+    )
+    write_pictures(tmp_path / "run", names()[:2])  # without GPS
+    with pytest.raises(UserError, match=r"test.run: 2 of 9 images have no GPS position(.|\n)*1000.25.png"):
+        PoseFolder(str(tmp_path), poses="gps").read()
 
 
 def test_images_that_a_reconstruction_has_not_posed_are_named(tmp_path):
@@ -284,11 +306,11 @@ def test_the_fingerprint_follows_contents_and_meaning(tmp_path, form):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"poses": "gps"}, {"plane": "zx"}, {"ahead": "y"}, {"mounting": [0.0, 0.0]},
-              {"mounting": [0.0, 0.0, np.nan]}, {"protocol": "railway"}, {"max_gap_s": 0.0}],
+    "wrong", [{"poses": "imu"}, {"poses": "gps", "odometry": "wheels.csv"}, {"plane": "zx"}, {"ahead": "y"},
+              {"mounting": [0.0, 0.0]}, {"mounting": [0.0, 0.0, np.nan]}, {"protocol": "railway"}, {"max_gap_s": 0.0}],
 )  # fmt: skip
 def test_arguments_without_meaning_are_refused(tmp_path, wrong):
-    with pytest.raises(Exception, match=next(iter(wrong))):  # type checks, where they are on, come first
+    with pytest.raises(Exception, match=list(wrong)[-1]):  # type checks, where they are on, come first
         source(tmp_path, **wrong)
 
 
@@ -306,7 +328,7 @@ def test_the_config_builds_the_usual_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "override", ["dataset.poses=gps", "dataset.plane=zx", "dataset.mounting=[0,0]", "dataset.max_gap_s=0",
+    "override", ["dataset.poses=imu", "dataset.plane=zx", "dataset.mounting=[0,0]", "dataset.max_gap_s=0",
                  "dataset.test=run", "+dataset.tilt=3"],
 )  # fmt: skip
 def test_configs_with_mistakes_are_refused(override):

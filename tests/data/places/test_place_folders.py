@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+from data.places.gps_pictures import add_gps
 from data.places.place_pictures import picture, write_pictures
 from hypothesis import given
 from hypothesis import strategies as st
@@ -210,6 +211,19 @@ def test_neighbours_across_the_equator_are_near():
     assert north.y - south.y == 5
 
 
+def test_gps_folders(folder):
+    for k, file in enumerate(("reference/a1.png", "reference/a2.png", "query/b1.png", "query/b2.png", "query/b3.png")):
+        add_gps(folder / file, 10 * k, -5 * k)
+    with pytest.raises(UserError, match=r"test: 1 of 6 images have no GPS position in EXIF\n.*a10.png"):
+        folders(folder, places="gps").read("test")
+    (folder / "reference" / "a10.png").unlink()
+    source = folders(folder, places="gps")
+    images = source.read("test")
+    np.testing.assert_allclose(images.position_m, [(10 * k, -5 * k) for k in range(5)], rtol=0, atol=1e-4)
+    assert source.place_unit == "m"
+    assert images.heading_deg is None
+
+
 def test_utm_folders(tmp_path):
     write_pictures(tmp_path / "reference", [f"@{x}@100@10@S@@@@@{h}@@@@@@.png" for x, h in ((0, 0), (30, 90))])
     write_pictures(tmp_path / "query", ["@4@103@10@S@@@@@@@@@@@.png"], first=5)
@@ -307,8 +321,8 @@ def test_the_fingerprint_follows_files_places_and_splits(folder):
 
 
 def test_a_way_to_know_places_must_exist(folder):
-    with pytest.raises(UserError, match=r"places='gps' must be one of csv, utm, order, name"):
-        folders(folder, places="gps")
+    with pytest.raises(UserError, match=r"places='imu' must be one of csv, utm, gps, order, name"):
+        folders(folder, places="imu")
     assert as_place_source(folders(folder)).place_unit == "m"
 
 

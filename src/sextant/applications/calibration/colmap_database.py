@@ -24,13 +24,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from PIL import Image
 
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_json
-from sextant.data.photos.gps import gps_position
-from sextant.data.photos.reading import known_formats, without_pillow_limit
+from sextant.data.photos.gps import photo_gps
 from sextant.data.upright import STORED_FROM_UPRIGHT
 from sextant.errors import ArgumentError, UserError
 
@@ -171,8 +169,7 @@ def _position(path: Path) -> dict[str, Any]:
     """Where EXIF says that a photo was taken; COLMAP needs the altitude too."""
     import pycolmap
 
-    with without_pillow_limit(), Image.open(path, formats=known_formats()) as image:
-        found = gps_position(image.getexif())
+    found = photo_gps(path)
     if found is None or found.altitude_m is None:
         return {}
     place = [found.latitude_deg, found.longitude_deg, found.altitude_m]

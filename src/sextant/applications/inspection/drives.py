@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sextant.applications.inspection.gps import positions, same_ground
 from sextant.applications.inspection.poses import FoundPoses
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.suggestion import Suggestion, command, override, overrides_of, plain_name
@@ -47,8 +48,9 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
         if poses.images is not None and poses.format != "cold":
             file = os.path.relpath(poses.file, poses.images)
             drives.setdefault((poses.format, file), {}).setdefault(poses.images, poses)
-    for (form, file), found in drives.items():
-        if len(found) < 2:
+    for (form, file), all_found in drives.items():
+        found = _on_one_ground(seen, all_found) if form == "gps" else all_found
+        if len(found) < 2 and form != "gps":
             (poses,) = found.values()
             yield Suggestion(
                 "localize in a map of your own",
@@ -56,6 +58,7 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
                 "beside it with a file of poses of its own",
                 (),
             )
+        if len(found) < 2:
             continue
         base = Path(os.path.commonpath(found))
         folders = sorted(found, key=lambda each: not _below(each, base).lower().startswith(MAPS))
@@ -78,7 +81,16 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
         why = f"{len(folders)} drives with poses ({form}), {folders[0].as_posix()} as the map"
         if form in ("colmap", "opensfm", "nerfstudio"):
             why += "; lengths must be metres, and all drives in one frame"
+        if form == "gps":
+            why += "; where EXIF has no direction of view, the camera is taken to look along the way"
         yield Suggestion("localize in a map of your own", why, (command("train", *words),))
+
+
+def _on_one_ground(seen: Seen, found: dict[Path, FoundPoses]) -> dict[Path, FoundPoses]:
+    """The drives that come near the map, which is the first of them."""
+    folders = sorted(found, key=lambda each: not each.name.lower().startswith(MAPS))
+    drives = {folder: positions(seen.headers, folder) for folder in folders}
+    return {folder: found[folder] for folder in folders if same_ground(drives[folders[0]], drives[folder])}
 
 
 def _below(folder: Path, base: Path) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sextant.applications.inspection.files import found_files
+from sextant.applications.inspection.gps import extent_m, poses_by_gps, positions
 from sextant.applications.inspection.photos import camera_groups, described, duplicates, panoramas, read_headers
 from sextant.applications.inspection.poses import FoundPoses, found_poses
 from sextant.applications.inspection.seen import Seen
@@ -43,7 +44,9 @@ class Inspection:
             "images": len(headers),
             "sizes": [{"width": w, "height": h, "images": n} for (w, h), n in sizes(seen).items()],
             "cameras": [asdict(each) for each in seen.cameras],
-            "gps": sum(each.gps is not None for each in headers),
+            "gps": len(gps := positions(seen.headers)),
+            "gps_directions": sum(each.direction_deg is not None for each in gps),
+            "gps_extent_m": list(extent_m(gps)) if gps else None,
             "gravity": dict(Counter(each.gravity for each in headers if each.gravity)),
             "panoramas": [path.as_posix() for path in seen.panoramas],
             "duplicates": [list(group) for group in seen.duplicates],
@@ -109,10 +112,11 @@ def inspect(input: Path | str, progress: Progress = SILENT.progress) -> Inspecti
             unreadable[file.as_posix()] = video
         else:
             videos.append(video)
-    tables = [found_poses(folder, file, list(headers)) for file in files.tables]
+    poses = [each for file in files.tables if (each := found_poses(folder, file, list(headers))) is not None]
+    photos = folders_of_photos(headers)
     seen = Seen(
-        given, folder, files, headers, camera_groups(list(headers.values())), folders_of_photos(headers), around, same,
-        videos, [each for each in tables if each is not None], {**files.unreadable, **unreadable},
+        given, folder, files, headers, camera_groups(list(headers.values())), photos, around, same,
+        videos, [*poses, *poses_by_gps(headers, photos)], {**files.unreadable, **unreadable},
     )  # fmt: skip
     return Inspection(seen, tuple(suggestions(seen)), tuple(_remarks(seen)))
 

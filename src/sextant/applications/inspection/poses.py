@@ -20,7 +20,7 @@ from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
 from sextant.worlds.trajectories import load_cold, load_kitti_poses
 
-PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "cold"]
+PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "cold"]
 #: bytes that a file is recognised by
 HEAD = 65536
 #: larger JSON is read only if its name is that of a reconstruction
@@ -35,7 +35,7 @@ class FoundPoses:
     """A file of poses.
 
     Attributes:
-        file: relative to the folder that is inspected.
+        file: relative to the folder that is inspected; of GPS the folder of the photos.
         format: see :class:`~sextant.data.localization.PoseFolder`, and ``cold``, sequences of that database.
         count: of poses.
         images: folder of the images that they may be of, relative; None if there is none.

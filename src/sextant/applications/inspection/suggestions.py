@@ -113,6 +113,7 @@ def _places(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
     said = {
         "name": "equal names are taken for equal places",
         "csv": "their tables say where each image was taken",
+        "gps": "EXIF says where each image was taken",
         "utm": "their names say where each image was taken",
         "none": "add places=order if the i-th images show one place",
     }

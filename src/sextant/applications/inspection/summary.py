@@ -4,11 +4,13 @@ from collections import Counter
 from collections.abc import Iterable
 from datetime import timedelta
 
+from sextant.applications.inspection.gps import extent_m, positions
 from sextant.applications.inspection.photos import CameraGroup
 from sextant.applications.inspection.poses import FoundPoses
 from sextant.applications.inspection.seen import Seen
 from sextant.applications.inspection.times import FolderOfPhotos
 from sextant.applications.inspection.videos import FoundVideo
+from sextant.data.photos.gps import GpsPosition
 
 #: that a line names; the rest is counted
 NAMED = 5
@@ -24,7 +26,7 @@ def summary(seen: Seen) -> dict[str, str]:
         "sizes": _listed(f"{width}x{height} ({count:,})" for (width, height), count in sizes),
         "cameras": _listed(_camera(group) for group in seen.cameras if group.camera or group.focal_px),
         "panoramas": f"{len(seen.panoramas):,}" if seen.panoramas else "",
-        "GPS": f"{gps:,} images" if (gps := sum(each.gps is not None for each in headers)) else "",
+        "GPS": _gps(positions(seen.headers)),
         "gravity": _listed(f"{count:,} by {kind}" for kind, count in gravity.items()),
         "duplicates": f"{sum(len(group) - 1 for group in seen.duplicates):,}" if seen.duplicates else "",
         "order in time": _listed(_span(each) for each in seen.folders if each.times_s and len(each.files) > 1),
@@ -34,6 +36,15 @@ def summary(seen: Seen) -> dict[str, str]:
         "cannot be read": f"{len(seen.unreadable):,}" if seen.unreadable else "",
     }
     return {name: text for name, text in counted.items() if text}
+
+
+def _gps(found: list[GpsPosition]) -> str:
+    if not found:
+        return ""
+    east, north = extent_m(found)
+    directed, magnetic = sum(each.direction_deg is not None for each in found), sum(each.magnetic for each in found)
+    compass = f" ({magnetic:,} by compass)" if magnetic else ""
+    return f"{len(found):,} images over {east:,.0f} x {north:,.0f} m, {directed:,} with a direction{compass}"
 
 
 def _listed(lines: Iterable[str]) -> str:

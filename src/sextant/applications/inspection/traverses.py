@@ -52,7 +52,8 @@ def image_folders(seen: Seen) -> ImageFolders:
             return ImageFolders(base, (), "none", inner["train"])
     places = _places(seen, by_child)
     rides = [folder for folder in by_child if folder.name.lower().split("_")[0].split("-")[0] in RIDES]
-    if len(by_child) <= MOST and (places != "none" or len(rides) == len(by_child)):
+    known = places not in ("none", "gps")  # photos of classes may have positions too
+    if len(by_child) <= MOST and (known or len(rides) == len(by_child)):
         ordered = sorted(by_child, key=lambda folder: not folder.name.lower().startswith(MAPS))
         return ImageFolders(base, tuple(ordered), places, {})
     return ImageFolders(base, (), "none", {folder.name: len(inside) for folder, inside in by_child.items()})
@@ -85,6 +86,8 @@ def _places(seen: Seen, by_child: dict[Path, list[Path]]) -> KnownBy:
         return "csv"
     if all(parse_utm_name(file.name) for files in by_child.values() for file in files):
         return "utm"
+    if all(seen.headers[file].gps for files in by_child.values() for file in files):
+        return "gps"
     names = [{file.relative_to(folder).with_suffix("") for file in files} for folder, files in by_child.items()]
     shared, smallest = set.intersection(*names), min(map(len, names))
     return "name" if len(shared) >= max(2, SHARED * smallest) else "none"

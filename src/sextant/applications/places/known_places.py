@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.photo_folder import KnownBy, PhotoFolder
 from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
+from sextant.data.places.gps_poses import gps_poses
 from sextant.data.places.image_files import natural_key
 from sextant.data.places.pose_files import Pose, table_poses, utm_poses
 from sextant.data.places.tolerance import Unit
@@ -82,7 +83,7 @@ def known_places(
     Raises:
         UserError: the photos do not have what ``places`` names: a table, poses in their names, equal numbers.
     """
-    unit: Unit = "m" if places in ("csv", "utm") else "frames"
+    unit: Unit = "m" if places in ("csv", "utm", "gps") else "frames"
     tolerance = tolerances[unit]
     chosen = 0.0 if distance is None and places == "none" else distance
     if chosen is not None:
@@ -122,7 +123,10 @@ def _placed(reference: PhotoFolder, queries: PhotoFolder, places: KnownBy) -> Pl
                 "Remove what has no partner, or use equal names (places=name) or poses (places=csv or places=utm).",
             )
     else:
-        poses = [pose for photos in both for pose in _poses(photos, places)]
+        if places == "gps":
+            poses = gps_poses([path for photos in both for path in photos.paths], "places=gps")
+        else:
+            poses = [pose for photos in both for pose in _poses(photos, places)]
         positions = np.array([(pose.x, pose.y) for pose in poses])
         angles = [pose.heading_deg for pose in poses if pose.heading_deg is not None]
         headings = np.array(angles) if len(angles) == len(poses) else None

@@ -12,9 +12,9 @@ from sextant.errors import ArgumentError
 #: what a folder of descriptors has; see :mod:`~sextant.applications.places.saved_map`
 HEADER = "map.json"
 
-#: how it is known which photos of two folders show one place: not, by a table of poses, by poses in their names, by
-#: equal names, or by their order
-KnownBy = Literal["none", "csv", "utm", "name", "order"]
+#: how it is known which photos of two folders show one place: not, by a table of poses, by poses in their names or in
+#: EXIF, by equal names, or by their order
+KnownBy = Literal["none", "csv", "utm", "gps", "name", "order"]
 
 
 @dataclass(frozen=True)

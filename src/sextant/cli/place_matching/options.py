@@ -21,10 +21,10 @@ class PlaceOptions(Options):
     sequence: int | None = Field(None, ge=2, examples=[10])
     """the queries are a ride in the order of their names: match by sequences of so many photos too"""
     places: KnownBy = Field("none", examples=["csv"])
-    """how the truth is known, as in dataset=place_folders: none (default), csv, utm, name or order"""
+    """how the truth is known, as in dataset=place_folders: none (default), csv, utm, gps, name or order"""
     tolerance: float | None = Field(None, ge=0, examples=[5])
-    """largest distance of one place: in metres for places=csv and utm, else in files; unless given that of the run's
-    test, and 0 files for places=none"""
+    """largest distance of one place: in metres for places=csv, utm and gps, else in files; unless given that of the
+    run's test, and 0 files for places=none"""
     centring: Literal["none", "running", "all"] = Field("none", examples=["all"])
     """the queries are of one ride: take away the mean descriptor of the map, and that of all queries (all) or of those
     so far (running), which is what light and season add; none unless given"""

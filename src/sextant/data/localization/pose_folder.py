@@ -21,6 +21,7 @@ from sextant.data.localization.pose_formats import read_tum_matrices
 from sextant.data.localization.pose_times import check_gaps, check_rising, poses_at, times_of_file, times_of_names
 from sextant.data.places.aligned import traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
+from sextant.data.places.gps_poses import drive_by_gps
 from sextant.data.places.pose_files import table_poses
 from sextant.data.places.problem_list import problem_list
 from sextant.data.reconstructions import NAMED_FORMATS, read_reconstruction
@@ -28,7 +29,7 @@ from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import ArgumentError
 from sextant.worlds.trajectories import load_kitti_poses
 
-PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio"]
+PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps"]
 POSE_FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
 PROTOCOLS = ("office", "town")
 FILES: dict[PoseFormat, str] = {
@@ -38,6 +39,7 @@ FILES: dict[PoseFormat, str] = {
     "colmap": "images.bin",
     "opensfm": "reconstruction.json",
     "nerfstudio": "transforms.json",
+    "gps": ".",  # the images
 }
 #: of each test drive, where there are no drives for validation
 VALIDATION_SHARE = 0.25
@@ -64,7 +66,9 @@ class PoseFolder:
     ========= ==========================================================================================================
 
     ``colmap`` (``images.bin`` or ``images.txt``), ``opensfm`` and ``nerfstudio`` have poses of images by their names,
-    see :mod:`sextant.data.reconstructions`; their lengths are metres only if the program knew the scale.
+    see :mod:`sextant.data.reconstructions`; their lengths are metres only if the program knew the scale. ``gps`` is the
+    EXIF block of each image, in metres east and north of the first of the map: see
+    :mod:`~sextant.data.places.gps_poses`.
 
     Images are in the natural order of their names. Poses in space are brought to a plane by
     :func:`~sextant.data.localization.plane.to_plane`. What is localized is the *camera*: its pose is that of the file
@@ -128,6 +132,9 @@ class PoseFolder:
         for key, value, allowed in choices:
             if value not in allowed:
                 raise ArgumentError(f"{key}={value!r} must be one of {', '.join(allowed)}", f"{key}={allowed[0]}")
+        if poses == "gps" and (pose_file or odometry):
+            wrong, file = ("pose_file", pose_file) if pose_file else ("odometry", odometry)
+            raise ArgumentError(f"{wrong}={file}: poses=gps takes poses from the images alone", f"{wrong}=null")
         if len(mounting) != 3 or not np.isfinite(mounting).all():
             raise ArgumentError(
                 f"mounting={list(mounting)} must be metres ahead, metres to the left, degrees to the left",
@@ -217,7 +224,7 @@ class PoseFolder:
 
     def _tables(self, folder: Path, key: str, split: Split) -> list[Path]:
         """The files beside the images of a drive."""
-        wanted = [self.pose_file]
+        wanted = [] if self.poses == "gps" else [self.pose_file]
         if split != "map":
             wanted += [name for name in (self.odometry,) if name]
         if self.times not in (None, "names", "order"):
@@ -233,7 +240,7 @@ class PoseFolder:
 
     def _drive(self, split: Split, name: str, folder: Path, paths: list[Path], notes: list[str]) -> Drive:
         key = f"{split}" if split == "map" else f"{split}.{name.removeprefix('validation/')}"
-        frames = self._frames(split, folder, paths, key)
+        frames = self._frames(split, folder, paths, key, notes)
         what = f"{name} images of dataset={self.name}"
         decoded = read_images(paths, self.size, self.cache, what=what, skip_bad=self.skip_bad)
         notes += [f"left out {bad}" for bad in decoded.bad]
@@ -255,7 +262,7 @@ class PoseFolder:
             odometry="none" if frames.odometry is None else "measured",
         )
 
-    def _frames(self, split: Split, folder: Path, paths: list[Path], key: str) -> _Frames:
+    def _frames(self, split: Split, folder: Path, paths: list[Path], key: str, notes: list[str]) -> _Frames:
         """Poses, odometry and times of the images of a drive."""
         self._tables(folder, key, split)
         names = [path.name for path in paths]
@@ -264,10 +271,10 @@ class PoseFolder:
             check_rising(times, names, key)
             if split != "map" and self.max_gap_s is not None:
                 check_gaps(times, names, self.max_gap_s, key)
-        poses, own = self._trajectory(folder / self.pose_file, folder, paths, times, key)
+        poses, own = self._trajectory(folder / self.pose_file, folder, paths, times, key, notes)
         odometry = None
         if self.odometry is not None and split != "map":
-            odometry, _ = self._trajectory(folder / self.odometry, folder, paths, times, key)
+            odometry, _ = self._trajectory(folder / self.odometry, folder, paths, times, key, notes)
         return _Frames(paths, poses, odometry, own if times is None else times)
 
     def _times(self, folder: Path, paths: list[Path], key: str) -> Float64[ndarray, "n"] | None:
@@ -287,12 +294,20 @@ class PoseFolder:
         return times
 
     def _trajectory(
-        self, file: Path, folder: Path, paths: list[Path], times: Float64[ndarray, "n"] | None, key: str
+        self,
+        file: Path,
+        folder: Path,
+        paths: list[Path],
+        times: Float64[ndarray, "n"] | None,
+        key: str,
+        notes: list[str],
     ) -> tuple[Float64[ndarray, "n 3"], Float64[ndarray, "n"] | None]:
         """Poses of the camera in the plane at the images, and the times that the file gives for them."""
         told: Float64[ndarray, "m"] | None = None
         if self.poses == "csv":
             poses = self._table(file, folder, paths, key)
+        elif self.poses == "gps":
+            poses = drive_by_gps(paths, self._images()["map"][0], key, notes)
         elif self.poses == "kitti":
             poses = to_plane(load_kitti_poses(file), self.plane, self.ahead, str(file))
         elif self.poses != "tum":

@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from sextant.data.places.aligned import align_by_name, align_by_order, traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
+from sextant.data.places.gps_poses import gps_poses
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.pose_files import Pose, table_poses, utm_poses
 from sextant.data.places.problem_list import problem_list
@@ -19,7 +20,7 @@ from sextant.data.places.split import SPLITS, Split
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import ArgumentError
 
-Places = Literal["csv", "utm", "order", "name"]
+Places = Literal["csv", "utm", "gps", "order", "name"]
 PLACES: tuple[Places, ...] = get_args(Places)
 #: traverses of a test that names none, map first
 REFERENCE_AND_QUERY = {"reference": "reference", "query": "query"}
@@ -40,6 +41,7 @@ class PlaceFolders:
     ========= ==========================================================================================================
     ``csv``   a table ``file,x,y[,heading]`` in each traverse's folder, or one in the folder around them all
     ``utm``   names ``@UTM_east@UTM_north@...`` as the VPR community writes them
+    ``gps``   the EXIF blocks of the images, see :mod:`~sextant.data.places.gps_poses`
     ``name``  equal names of two traverses are one place
     ``order`` the i-th images of all traverses, by the natural order of their names, are one place
     ========= ==========================================================================================================
@@ -96,7 +98,7 @@ class PlaceFolders:
     @property
     def place_unit(self) -> Literal["m", "frames"]:
         """Metres where there are poses, frames where there is an order."""
-        return "m" if self.places in ("csv", "utm") else "frames"
+        return "m" if self.places in ("csv", "utm", "gps") else "frames"
 
     @property
     def folder(self) -> Path:
@@ -212,6 +214,9 @@ class PlaceFolders:
         entries, missing = self._aligned(split)
         if self.place_unit == "frames":
             return entries, missing
+        if self.places == "gps":
+            poses = gps_poses([entry.path for entry in entries], split)
+            return [entry._replace(pose=pose) for entry, pose in zip(entries, poses, strict=True)], missing
         placed: list[_Entry] = []
         for t, (name, folder) in enumerate(self._traverses(split).items()):
             own, key = [entry for entry in entries if entry.traverse == t], f"{split}.{name}"

@@ -46,7 +46,7 @@ class PlaceFolders(Places):
     train: Traverses | None = Field(examples=["{summer: train/summer, winter: train/winter}"])
     val: Traverses | None = Field(examples=["{summer: val/summer, winter: val/winter}"])
     test: Traverses | None = Field(examples=["{reference: reference, query: query}"])
-    places: Literal["csv", "utm", "order", "name"]
+    places: Literal["csv", "utm", "gps", "order", "name"]
     csv: str = Field(examples=["poses.csv"])
     height: ImageSide = Field(examples=[64])
     width: ImageSide = Field(examples=[96])

@@ -1,0 +1,45 @@
+"""Folders whose photos all have a position by GPS: drives without a file of poses."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sextant.applications.inspection.poses import FoundPoses
+from sextant.applications.inspection.times import FolderOfPhotos
+from sextant.data.photos.gps import GpsPosition
+from sextant.data.photos.header import PhotoHeader
+from sextant.data.places.gps_poses import local_poses
+
+#: metres between the grounds of two drives through the same places, at most
+APART_M = 50.0
+
+
+def positions(headers: Mapping[Path, PhotoHeader], folder: Path | None = None) -> list[GpsPosition]:
+    """Of all photos, or of those right in a folder."""
+    return [
+        each.gps for file, each in headers.items() if each.gps is not None and (folder is None or file.parent == folder)
+    ]
+
+
+def poses_by_gps(headers: Mapping[Path, PhotoHeader], folders: Sequence[FolderOfPhotos]) -> list[FoundPoses]:
+    """The poses of each folder of at least two photos that all have a position."""
+    drives = {each.folder: len(each.files) for each in folders}
+    return [
+        FoundPoses(folder, "gps", count, folder, count)
+        for folder, count in drives.items()
+        if count >= 2 and len(positions(headers, folder)) == count
+    ]
+
+
+def extent_m(found: Sequence[GpsPosition]) -> tuple[float, float]:
+    """Metres from west to east and from south to north."""
+    east, north = np.ptp([(pose.x, pose.y) for pose in local_poses(found)], axis=0)
+    return float(east), float(north)
+
+
+def same_ground(one: Sequence[GpsPosition], other: Sequence[GpsPosition]) -> bool:
+    """Whether the boxes around two drives come within :data:`APART_M` of each other."""
+    places = np.array([(pose.x, pose.y) for pose in local_poses([*one, *other])])
+    first, second = places[: len(one)], places[len(one) :]
+    return bool(((first.max(0) + APART_M >= second.min(0)) & (second.max(0) + APART_M >= first.min(0))).all())

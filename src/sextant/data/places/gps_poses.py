@@ -1,0 +1,128 @@
+r"""Where images were taken, by GPS in their EXIF blocks: metres in a local frame, x to the east and y to the north.
+
+A position of latitude φ, longitude λ and height h on WGS 84 has, with
+:math:`N = a / \sqrt{1 - e^2 \sin^2\varphi}`, the geocentric coordinates
+
+.. math:: ((N + h)\cos\varphi\cos\lambda,\; (N + h)\cos\varphi\sin\lambda,\; (N (1 - e^2) + h)\sin\varphi),
+
+of which those relative to the first image are taken along its axes east, north and up; only east and north are kept.
+Heights are those of the EXIF block, 0 where it has none. Source: NIMA TR8350.2, "World Geodetic System 1984".
+
+A heading is the direction that the block says the camera looks in, taken as true even if it is that of a compass. Where
+images lack it, headings are those of the way from image to image, which suppose that the camera looks ahead.
+"""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.data.places.pose_files import Pose
+from sextant.data.places.problem_list import problem_list
+from sextant.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from sextant.data.photos.gps import GpsPosition
+
+#: semi-major axis in metres, and the square of the first eccentricity
+SEMI_MAJOR_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
+#: metres between images whose way from one to the other is a heading: GPS is about that exact
+STEP_M = 3.0
+
+
+def gps_poses(paths: Sequence[Path], key: str) -> list[Pose]:
+    """Poses of images in the frame of the first; those without a direction have no heading.
+
+    Args:
+        paths: of the images.
+        key: of the argument that names them, for messages.
+
+    Raises:
+        ArgumentError: images have no position; they are named.
+    """
+    from sextant.data.photos.gps import photo_gps  # whose package imports torch
+
+    found = [photo_gps(path) for path in paths]
+    if without := [path.name for path, each in zip(paths, found, strict=True) if each is None]:
+        raise ArgumentError(
+            f"{key}: {len(without):,} of {len(paths):,} images have no GPS position in EXIF\n{problem_list(without)}",
+            "Move these images out of the folder, or give positions in a table: file,x,y,heading.",
+        )
+    return local_poses([each for each in found if each is not None])
+
+
+def local_poses(positions: "Sequence[GpsPosition]") -> list[Pose]:
+    """Poses in the frame of the first position; headings are degrees counter-clockwise from the east of that frame.
+
+    Example:
+        >>> first, second = local_poses([GpsPosition(55.7, 13.2, None, 90.0), GpsPosition(55.701, 13.2, None)])
+        >>> round(second.y, 1), round(first.heading_deg), second.heading_deg
+        (111.3, 0, None)
+    """
+    values = [(each.latitude_deg, each.longitude_deg, each.altitude_m or 0.0) for each in positions]
+    latitude, longitude, height = np.array(values, np.float64).reshape(-1, 3).T
+    axes = _axes(np.radians(latitude), np.radians(longitude))
+    sine, cosine = np.sin(np.radians(latitude)), np.cos(np.radians(latitude))
+    normal = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_2 * sine**2)
+    radii = np.stack([(normal + height) * cosine, (normal + height) * cosine, (normal * (1 - ECCENTRICITY_2) + height)])
+    spread = [np.cos(np.radians(longitude)), np.sin(np.radians(longitude)), sine]
+    geocentric = (radii * np.stack(spread)).T
+    x, y, _ = axes[0] @ (geocentric - geocentric[0]).T
+    direction = np.radians([np.nan if each.direction_deg is None else each.direction_deg for each in positions])
+    looks = np.sin(direction)[:, None] * axes[:, 0] + np.cos(direction)[:, None] * axes[:, 1]
+    to_east, to_north, _ = axes[0] @ looks.T
+    headings = np.degrees(np.arctan2(to_north, to_east))
+    rows = zip(x.tolist(), y.tolist(), headings.tolist(), strict=True)
+    return [Pose(east, north, None if math.isnan(heading) else heading) for east, north, heading in rows]
+
+
+def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str]) -> Float64[ndarray, "n 3"]:
+    """x, y and heading in radians of the images of a drive, in the frame of an image.
+
+    Args:
+        paths: of the images, in the order of the drive.
+        first: the image whose place is the origin.
+        key: as for :func:`gps_poses`.
+        notes: to which is added that headings are those of the way.
+
+    Raises:
+        ArgumentError: images have no position, or no direction and the drive does not move.
+    """
+    rows = gps_poses([first, *paths], key)[1:]
+    places = np.array([(row.x, row.y) for row in rows])
+    headings = [row.heading_deg for row in rows if row.heading_deg is not None]
+    if len(headings) == len(rows):
+        return np.column_stack([places, np.radians(headings)])
+    lacking = f"{key}: {len(rows) - len(headings):,} of {len(rows):,} images do not say in EXIF which way they look"
+    course = course_deg(places)
+    if course is None:
+        raise ArgumentError(f"{lacking}, and they lie within {STEP_M:g} m", "Give a table: file,x,y,heading.")
+    notes.append(f"{lacking}: headings of all are those of the way, as if the camera looked ahead")
+    return np.column_stack([places, np.radians(course)])
+
+
+def course_deg(positions: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n"] | None:
+    """Headings of the way along positions, degrees counter-clockwise from x; None where they never move.
+
+    At every third metre it is the way from the position before to the one after; between, it is interpolated.
+    """
+    kept = [0]
+    for i, place in enumerate(positions):
+        if np.hypot(*(place - positions[kept[-1]])) >= STEP_M:
+            kept.append(i)
+    if len(kept) < 2:
+        return None
+    along = np.gradient(positions[kept], axis=0)
+    headings = np.degrees(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
+    return np.asarray(np.interp(np.arange(len(positions)), kept, headings))
+
+
+def _axes(latitude: Float64[ndarray, "n"], longitude: Float64[ndarray, "n"]) -> Float64[ndarray, "n 3 3"]:
+    """East, north and up at places, as rows in geocentric coordinates."""
+    sp, cp, sl, cl = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    rows = [-sl, cl, 0 * cl, -sp * cl, -sp * sl, cp, cp * cl, cp * sl, sp]
+    return np.stack(rows, axis=-1).reshape(-1, 3, 3)
