@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pycolmap
@@ -130,6 +131,11 @@ def test_photos_of_one_camera_share_it_turned_or_not(tmp_path, opened):
     assert [ids.index(each) for each in ids] == [0, 0, 2, 0]
     assert opened(database).num_rigs() == 2
     assert opened(database).num_frames() == 4
+    weak = [replace(camera, verdict="weak") for camera in one.cameras]
+    database, _ = write_colmap([*weak[:3], one.cameras[3]], tmp_path / "mixed")
+    assert one.cameras[3].verdict == "good"
+    known = [camera.has_prior_focal_length for camera in opened(database).read_all_cameras()]
+    assert known == [True, False]  # by the last of the first camera's photos
 
 
 def test_positions_are_those_that_colmap_reads(tmp_path, opened):
@@ -180,6 +186,28 @@ def test_colmap_goes_on_from_it(tmp_path, opened):
     assert after.num_keypoints() > 20
     assert after.num_verified_image_pairs() == 1
     assert repr(content(after)) == repr(before)
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_gravity_is_one_direction_in_what_colmap_reconstructs(real_data, tmp_path, opened):
+    """Four photos of a castle: cameras that COLMAP places by points alone see gravity in one direction of its world."""
+    photos = real_data / "photos" / "sceaux_castle"
+    one = PhotoCalibrator.load().one_camera(sorted(photos.glob("*.[jJ][pP][gG]")))
+    database, priors = write_colmap(one.cameras, tmp_path / "out")
+    extraction = pycolmap.FeatureExtractionOptions(num_threads=1, use_gpu=False, max_image_size=1000)
+    pycolmap.extract_features(database, photos, extraction_options=extraction)
+    pycolmap.match_exhaustive(database, matching_options=pycolmap.FeatureMatchingOptions(num_threads=1, use_gpu=False))
+    options = pycolmap.IncrementalPipelineOptions(num_threads=1)
+    (model,) = pycolmap.incremental_mapping(database, photos, tmp_path / "sparse", options=options).values()
+    assert model.num_reg_images() == len(one.cameras) == 4
+    seen = content(opened(database))
+    down = np.stack(
+        [image.cam_from_world().rotation.inverse() * seen[image.name][1].gravity for image in model.images.values()]
+    )
+    angles = np.degrees(np.arccos(down @ down.mean(axis=0) / np.linalg.norm(down.mean(axis=0))))
+    sigmas = [row["tilt_sigma_deg"] + row["roll_sigma_deg"] for row in json.loads(priors.read_text())["images"]]
+    assert (angles < 2 * np.array(sigmas)).all(), angles
 
 
 def test_the_command_writes_it_and_never_over_one(tmp_path, opened):

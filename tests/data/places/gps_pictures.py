@@ -1,15 +1,20 @@
 """Pictures with a position in EXIF."""
 
-import pycolmap
 from PIL import Image
 
 GPS_BLOCK, ORIGIN = 0x8825, (57.0, 9.9, 20.0)
-WGS84 = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
+
+
+def wgs84():
+    """COLMAP's conversions."""
+    import pycolmap
+
+    return pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
 
 
 def add_gps(path, east, north, heading_deg=None):
     """Say that a picture was taken so many metres from the origin, looking so far counter-clockwise from the east."""
-    (latitude, longitude, altitude) = WGS84.enu_to_ellipsoid([(east, north, 0.0)], *ORIGIN)[0].tolist()
+    (latitude, longitude, altitude) = wgs84().enu_to_ellipsoid([(east, north, 0.0)], *ORIGIN)[0].tolist()
     block = {1: "N", 2: _parts(latitude), 3: "E", 4: _parts(longitude), 5: b"\0", 6: altitude}
     if heading_deg is not None:
         block |= {16: "T", 17: (90 - heading_deg) % 360}

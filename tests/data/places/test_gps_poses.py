@@ -3,7 +3,7 @@
 import numpy as np
 import pycolmap
 import pytest
-from data.places.gps_pictures import WGS84, add_gps
+from data.places.gps_pictures import add_gps, wgs84
 from data.places.place_pictures import write_pictures
 
 from sextant.data.photos.gps import GpsPosition, photo_gps
@@ -17,14 +17,14 @@ def test_metres_and_headings_are_those_of_colmap(place):
     given = np.column_stack([place + rng.normal(scale=0.003, size=(40, 2)), rng.normal(scale=50, size=40)])
     directions = rng.uniform(0, 360, 40)
     found = np.array(local_poses([GpsPosition(*row, way) for row, way in zip(given.tolist(), directions, strict=True)]))
-    theirs = WGS84.ellipsoid_to_enu(given, *given[0])
+    theirs = wgs84().ellipsoid_to_enu(given, *given[0])
     np.testing.assert_allclose(found[:, :2], theirs[:, :2], rtol=0, atol=1e-6)
     angle = np.radians(directions)
     steps = np.column_stack([np.sin(angle), np.cos(angle), np.zeros(40)])
     ahead = np.concatenate(
-        [WGS84.enu_to_ellipsoid(step[None], *row) for step, row in zip(steps, given.tolist(), strict=True)]
+        [wgs84().enu_to_ellipsoid(step[None], *row) for step, row in zip(steps, given.tolist(), strict=True)]
     )
-    way = (WGS84.ellipsoid_to_enu(ahead, *given[0]) - theirs)[:, :2]
+    way = (wgs84().ellipsoid_to_enu(ahead, *given[0]) - theirs)[:, :2]
     along = np.column_stack([np.cos(np.radians(found[:, 2])), np.sin(np.radians(found[:, 2]))])
     np.testing.assert_allclose(way / np.linalg.norm(way, axis=1, keepdims=True), along, rtol=0, atol=1e-6)
 

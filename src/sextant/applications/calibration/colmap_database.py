@@ -8,8 +8,8 @@ Gravity is a unit vector in the camera's frame (x right, y down, z forward); of 
 COLMAP 4.2 stores no uncertainty of it, which is therefore in ``priors.json``: the covariance
 :math:`\sigma_\theta^2\, g_\theta g_\theta^\top + \sigma_\psi^2\, g_\psi g_\psi^\top` in rad², with the derivatives of g
 by tilt and roll, taken as independent; across g, so that its rank is 2. COLMAP believes what is in the database, so the
-gravity of photos that are not trustworthy stands only in ``priors.json``, and only the focal length of good ones is
-called known (``has_prior_focal_length``).
+gravity of photos that are not trustworthy stands only in ``priors.json``, and only the focal length of a camera with a
+good photo is called known (``has_prior_focal_length``).
 
 COLMAP looks at a picture as it is stored, whatever its EXIF orientation: cameras and vectors are turned to that.
 Sources: COLMAP 4.2, ``src/colmap/geometry/pose_prior.h`` and ``sensor/models.h``.
@@ -114,14 +114,14 @@ def _fill(
     import pycolmap
 
     database = pycolmap.Database.open(path)
-    sensors: dict[Any, tuple[int, int]] = {}
+    sensors: dict[str, tuple[int, int]] = {}
+    known = {_key(camera) for camera in cameras if camera.verdict == "good"}
     rows = []
     try:
         for name, camera, position in zip(names, cameras, positions, strict=True):
-            stored = _stored(camera)
-            key = (stored["width"], stored["height"], *(f"{value:.{SAME}g}" for value in stored["params"]))
+            key = _key(camera)
             if key not in sensors:
-                sensors[key] = _new_sensor(database, stored, camera.verdict == "good")
+                sensors[key] = _new_sensor(database, _stored(camera), key in known)
             camera_id, rig_id = sensors[key]
             image = pycolmap.Image(name=name, camera_id=camera_id)
             image.image_id = database.write_image(image)
@@ -154,6 +154,12 @@ def _new_sensor(database: Any, stored: dict[str, Any], known: bool) -> tuple[int
     rig = pycolmap.Rig()
     rig.add_ref_sensor(camera.sensor_id)
     return camera.camera_id, database.write_rig(rig)
+
+
+def _key(camera: PhotoCamera) -> str:
+    """Equal for photos of one camera."""
+    stored = _stored(camera)
+    return " ".join(f"{value:.{SAME}g}" for value in (stored["width"], stored["height"], *stored["params"]))
 
 
 def _stored(camera: PhotoCamera) -> dict[str, Any]:
