@@ -17,7 +17,7 @@ from sextant.lifecycle.results import report, sweep_results
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.search.run import sweep_or_search
 from sextant.reports.contrasts import contrasts
-from sextant.reports.search_results import search_results
+from sextant.reports.search_results import metric_of_test, search_results
 from sextant.runs.directory import all_runs
 from sextant.runs.sweep_directory import find_sweep, read_plan
 
@@ -157,6 +157,35 @@ def test_less_is_better_where_that_is_said(tmp_path):
     found = found_in(tmp_path)
     assert found.winner.mean == min(trial.mean for trial in found.trials if len(trial.values) == 3)
     assert found.winner.mean < 0.2
+
+
+def test_a_metric_that_the_report_lacks_is_missed_after_the_first_run(tmp_path):
+    runs = MadeUpRuns()
+    with pytest.raises(UserError, match=r"test_metric=test/success: the runs have no such metric") as problem:
+        made_up_search(tmp_path, "sweep.search.test_metric=test/success", runs=runs, trials=5)
+    assert "test/accuracy/clean" in str(problem.value)
+    assert len(runs.made) == 1
+    made_up_search(tmp_path, runs=runs, trials=5)  # goes on, and makes no run twice
+    assert len(set(runs.made)) == len(runs.made) > 1
+
+
+@pytest.mark.parametrize(
+    ("metrics", "found"),
+    [
+        (["val/accuracy", "test/accuracy/svm"], "test/accuracy/svm"),
+        (["test/accuracy/svm", "test/accuracy/clean"], "test/accuracy/clean"),
+        (["test/accuracy/svm", "test/accuracy"], "test/accuracy"),
+        (["test/accuracy/svm", "test/accuracy/knn", "test/loss"], "test/accuracy/svm, test/accuracy/knn$"),
+        (["val/accuracy"], "they have none"),
+    ],
+)
+def test_the_test_metric_is_the_counterpart_or_the_one_part_of_it(metrics, found):
+    search = {"metric": "val/accuracy", "test_metric": None}
+    if found in metrics:
+        assert metric_of_test(search, metrics) == found
+    else:
+        with pytest.raises(UserError, match=found):
+            metric_of_test(search, metrics)
 
 
 def test_without_racing_all_trials_get_all_seeds(tmp_path):

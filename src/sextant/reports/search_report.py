@@ -156,19 +156,20 @@ def optimism(found: SearchResults) -> str:
         return ""
     digits, sign = _digits(found) + 1, 1 if found.maximize else -1
     fresh, tests = (np.array(values) for values in zip(*found.fresh, strict=True))
-    chosen = found.winner.mean
-    by_seeds, by_split = sign * (chosen - fresh.mean()), sign * (fresh - tests)
-    spread = interval(*mean_interval(by_split), digits, sign=True)
-    note = "" if _same(found) else f"; {found.test_metric} measures something else than {found.search['metric']}"
-    return (
+    by_seeds = sign * (found.winner.mean - fresh.mean())
+    text = (
         f"At the seeds it was chosen at, the winner looked better by {number(by_seeds, digits, sign=True)} than at "
-        "fresh ones, on the same validation split. At the fresh seeds, it looked better by "
-        f"{number(_mean(by_split), digits, sign=True)} {spread} on the validation split than on the test split{note}.\n"
+        "fresh ones, on the same validation split."
     )
-
-
-def _same(found: SearchResults) -> bool:
-    return found.test_metric.startswith(str(found.search["metric"]).replace("val/", "test/", 1))
+    metric = str(found.search["metric"])
+    if not found.test_metric.startswith(metric.replace("val/", "test/", 1)):
+        return f"{text} {found.test_metric} measures something else than {metric}, so the two are not compared.\n"
+    by_split = sign * (fresh - tests)
+    spread = interval(*mean_interval(by_split), digits, sign=True)
+    return (
+        f"{text} At the fresh seeds, it looked better by {number(_mean(by_split), digits, sign=True)} {spread} on the "
+        "validation split than on the test split.\n"
+    )
 
 
 def _ties(found: SearchResults) -> str:

@@ -1,7 +1,7 @@
 """What the trials of a search found, as its report counts it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -92,7 +92,8 @@ def search_results(results: SweepResults) -> SearchResults:
     found = read_json(results.directory / "search.json")
     if not isinstance(found, Mapping):
         raise UserError(f"{results.directory}/search.json is missing: the search has not ended", "Start it again.")
-    test_metric = _test_metric(search, results)
+    metrics = next((cell.metrics for cell in results.cells if cell.outcome == "finished"), None)
+    test_metric = "test" if metrics is None else metric_of_test(search, metrics)
     by_arm: dict[str, list[CellResult]] = {}
     for cell in results.cells:
         by_arm.setdefault(cell.cell.arm, []).append(cell)
@@ -137,16 +138,25 @@ def _both(cell: CellResult, search: Mapping[str, Any], test_metric: str) -> tupl
     return cell.metrics.get(search["metric"], math.nan), cell.metrics.get(test_metric, math.nan)
 
 
-def _test_metric(search: Mapping[str, Any], results: SweepResults) -> str:
-    """The metric that is reported of the test split, the counterpart of the validation metric unless one is named."""
-    names = next((list(cell.metrics) for cell in results.cells if cell.metrics), [])
-    test = [name for name in names if name.startswith("test/")]
+def metric_of_test(search: Mapping[str, Any], metrics: Iterable[str]) -> str:
+    """The metric that is reported of the test split: the counterpart of the validation metric unless one is named.
+
+    Args:
+        search: the node of the config.
+        metrics: of a finished run.
+
+    Raises:
+        UserError: the run has no such metric, or several that may be meant.
+    """
+    test = [name for name in metrics if name.startswith("test/")]
     given, usual = search["test_metric"], search["metric"].replace("val/", "test/", 1)
     wanted = [given] if given else [usual, f"{usual}/clean"]
-    found = next((name for name in wanted if name in test), None)
-    if found is None and test:
+    parts = [] if given else [name for name in test if name.startswith(f"{usual}/")]
+    found = next((name for name in wanted if name in test), parts[0] if len(parts) == 1 else None)
+    if found is None:
+        offered = parts or sorted(test, key=lambda name: name.count("/"))  # those of all conditions first
         raise UserError(
             f"sweep.search.test_metric={wanted[0]}: the runs have no such metric",
-            f"Name one with sweep.search.test_metric=: {', '.join(test[:12])}",
+            f"Name one with sweep.search.test_metric=: {', '.join(offered[:12]) or 'they have none'}",
         )
-    return str(found or wanted[0])
+    return found

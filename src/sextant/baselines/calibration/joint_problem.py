@@ -35,8 +35,8 @@ from sextant.baselines.calibration.terms import StraightChains, Term
 
 #: what a segment that fits no axis costs: as much as one at the threshold
 OUTLIER = 0.5 * math.log1p((math.sin(THRESHOLD) / WORLD_NOISE) ** 2)
-#: ends of the shares of explained length between which segments come to count, and the least that they do
-NO_FRAME, FRAME, LEAST = -0.15, 0.7, 0.05
+#: share of explained length from which segments count in full, and the least that they do
+FRAME, LEAST = 0.7, 0.05
 TILT, ROLL, HEADING, LOG_FOCAL, K1_HAT = range(5)
 
 
@@ -58,8 +58,12 @@ class Mode:
 
 
 def _trust(explained: float) -> float:
-    """How much the segments of a photo count, by the share of their length that some frame explains."""
-    return min(max((explained - NO_FRAME) / (FRAME - NO_FRAME), LEAST), 1.0)
+    """How much the segments of a photo count, by the share of their length that some frame explains: its root.
+
+    Of five curves, this one has the least errors over all photos of ``benchmarks.joint_intervals``. It is steep where
+    nothing is explained, so that a photo of a hedge leaves its camera to the network.
+    """
+    return min(max(math.sqrt(max(explained, 0.0) / FRAME), LEAST), 1.0)
 
 
 class AlignedSegments(Term):

@@ -12,6 +12,7 @@ from sextant.errors import UserError
 from sextant.evaluation.racing import Scores, leader, seeds_run
 from sextant.lifecycle.search.design import SearchDesign
 from sextant.lifecycle.sweep_plan import Planned
+from sextant.reports.search_results import metric_of_test
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import Cell
 
@@ -55,6 +56,7 @@ class Table:
         self.trials: list[Trial] = []
         self.failed: dict[str, str] = {}
         self._finished: dict[str, dict[str, Any]] = {}
+        self._known = ""
 
     def scores(self) -> Scores:
         """The metric, its sign such that more is better; nan is not run, minus infinity has no result.
@@ -108,6 +110,8 @@ class Table:
             raise UserError(
                 f"sweep.search.metric={metric}: {cell.run} has no such metric", f"It has {', '.join(known) or 'none'}"
             )
+        if not self._known:  # what the report needs is asked of the first run, not of the last
+            self._known = metric_of_test(self.design.search.model_dump(), results["metrics"])
         value = results["metrics"][metric]
         return -math.inf if value is None else self.design.sign * float(value)
 
