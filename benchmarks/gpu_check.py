@@ -3,11 +3,12 @@
 Takes at most eight minutes, whatever it is done with by then. Without a CUDA device it says so and exits with 2.
 """
 
+import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import torch
@@ -33,28 +34,27 @@ def main() -> None:
     raise SystemExit(1 if failed or not tests else 0)
 
 
-def run_tests() -> list[tuple[str, str, str]]:
-    """Name, outcome and seconds of each test that needs a GPU; those that time did not suffice for are missing."""
+def run_tests(chosen: str = "gpu", seconds: float = TESTS_S) -> list[tuple[str, str, str]]:
+    """Name, outcome and seconds of each test that needs a GPU; those that time did not suffice for are missing.
+
+    Args:
+        chosen: the marker of the tests, or a file of them.
+        seconds: that they are given.
+    """
+    which = [chosen] if chosen.endswith(".py") else ["-m", chosen]
     with tempfile.TemporaryDirectory() as folder:
-        report = Path(folder) / "tests.xml"
-        command = [sys.executable, "-m", "pytest", "-n", "4", "-m", "gpu", f"--junitxml={report}", "--timeout=240"]
-        process = subprocess.Popen(command, cwd=ROOT)
+        log = Path(folder) / "tests.jsonl"
+        command = [sys.executable, "-m", "pytest", "-n", "4", *which, "-p", "benchmarks.outcome_log", "--timeout=240"]
+        process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "SEXTANT_TEST_LOG": str(log)})
         try:
-            process.wait(TESTS_S)
+            process.wait(seconds)
         except subprocess.TimeoutExpired:
-            process.terminate()  # pytest writes its report of what has run
-            process.wait(30)
-        return read_report(report.read_text()) if report.is_file() else []
-
-
-def read_report(text: str) -> list[tuple[str, str, str]]:
-    """The tests of a report in JUnit's format."""
-    found = []
-    for case in ElementTree.fromstring(text).iter("testcase"):
-        kinds = {child.tag for child in case}
-        outcome = "failed" if kinds & {"failure", "error"} else "skipped" if "skipped" in kinds else "passed"
-        found.append((f"{case.get('classname')}::{case.get('name')}", outcome, case.get("time", "")))
-    return found
+            process.terminate()
+            try:
+                process.wait(30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        return [tuple(json.loads(line)) for line in log.read_text().splitlines()] if log.is_file() else []
 
 
 def device() -> str:

@@ -5,16 +5,33 @@ import torch
 
 from benchmarks import gpu_check
 
-REPORT = """<testsuites><testsuite>
-<testcase classname="tests.a" name="test_one" time="1.5"/>
-<testcase classname="tests.a" name="test_two" time="0.1"><failure message="no"/></testcase>
-<testcase classname="tests.b" name="test_three" time="0.0"><skipped/></testcase>
-</testsuite></testsuites>"""
+TESTS = """
+import time
+def test_one(): pass
+def test_two(): assert False
+def test_three(): time.sleep(600)
+"""
+
+
+@pytest.mark.slow
+def test_what_has_run_is_known_when_time_is_up(tmp_path):
+    (tmp_path / "test_some.py").write_text(TESTS)
+    (tmp_path / "pytest.ini").write_text("[pytest]")
+    began = time.monotonic()
+    tests = gpu_check.run_tests(str(tmp_path / "test_some.py"), 25)
+    assert {name.partition("::")[2]: outcome for name, outcome, _ in tests} == {
+        "test_one": "passed",
+        "test_two": "failed",
+    }
+    assert time.monotonic() - began < 60
 
 
 def test_the_page_has_every_test_and_every_timing():
-    tests = gpu_check.read_report(REPORT)
-    assert [outcome for _, outcome, _ in tests] == ["passed", "failed", "skipped"]
+    tests = [
+        ("tests.a::test_one", "passed", "1.5"),
+        ("tests.a::test_two", "failed", "0.1"),
+        ("tests.b::a", "skipped", "0.0"),
+    ]
     timings = [("ResNet-20", "bf16", "9,000 images/s", "CPU, 32: 300 images/s", "30.0")]
     page = gpu_check.page(tests, timings, "a GPU", 123.4)
     assert "in 123 s on a GPU" in page

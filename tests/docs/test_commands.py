@@ -7,6 +7,7 @@ import pytest
 from docs_commands import PAGES, Command, check, commands_of, documented
 
 from sextant import cli
+from sextant.composing.config_files import groups
 from sextant.errors import UserError
 
 COMMANDS = documented()
@@ -69,3 +70,13 @@ def test_a_mistake_that_is_shown_is_told_in_these_words(page, capsys, monkeypatc
         with pytest.raises(SystemExit):
             cli.run(script.removesuffix(".py"), words)
         assert capsys.readouterr().err == told
+
+
+def test_the_table_of_groups_lists_every_option():
+    """A row of one group that does not abbreviate by dots; those of several refer to a chapter's page."""
+    text = (ROOT / "docs" / "guide.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| (`.*?) \|", text, re.MULTILINE))
+    checked = [group for group in rows.keys() & groups().keys() if "..." not in rows[group]]
+    assert {"dataset", "trainer", "experiment", "sweep"} <= set(checked)
+    for group in checked:
+        assert set(groups()[group]) <= set(re.findall(r"`(\w+)`", rows[group])), f"docs/guide.md: {group}"

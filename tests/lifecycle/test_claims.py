@@ -217,3 +217,34 @@ def test_a_preset_says_what_it_cannot_run(tmp_path):
     assert decide_claims(claims, tables) == []
     page, _ = life.write_board(claims, tables, "sextant claims preset=quick", tmp_path, tmp_path / "html")
     assert "`cosfire_mnist_9949`: sweep=cosfire_mnist_full has no quick form" in page.read_text()
+
+
+def test_launcher_and_tracking_are_handed_on_and_a_board_without_verdicts_is_an_error(tmp_path, monkeypatch, capsys):
+    handed = []
+
+    def run_none(claims, preset, stored, overrides, *reporters):
+        handed.append(overrides)
+        return Tables(stored, left_out=dict.fromkeys((part.sweep for c in claims.values() for part in c.parts), "down"))
+
+    monkeypatch.setattr(life, "run_claims", run_none)
+    slurm = ["launcher=slurm", "launcher.partition=long", "tracking=none"]
+    words = ["claim=push_pull_clean", "preset=quick", f"output={tmp_path}"]
+    for more in (slurm, ["workers=2"], ["launcher=joblib", "workers=2"]):
+        with pytest.raises(SystemExit, match="2"):
+            cli.run("claims", [*words, *more])
+    assert handed == [slurm, ["launcher.workers=2"], ["launcher=joblib", "launcher.workers=2"]]
+    assert "none of 1 claims could be decided" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["launcher=slurm"], "none is chosen"),
+        (["preset=quick", "launcher=local", "workers=2"], "workers=2 goes with launcher=joblib alone"),
+        (["preset=quick", "launchr=local"], "launchr=local: unknown key"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_before_anything_runs(words, said, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        cli.run("claims", words)
+    assert said in capsys.readouterr().err

@@ -8,10 +8,13 @@ from rich.table import Table
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
+from sextant.errors import UserError
 
 USAGE = """\
 sextant claims [claim=<name>|all] [output=<folder>] [html=<folder>]
-sextant claims preset=quick|full [launcher=joblib workers=2]"""
+sextant claims preset=quick|full [workers=2] [launcher=slurm launcher.<key>=<value> tracking=<option>]"""
+#: groups of the config that are handed on to a preset's sweeps
+GROUPS = ("launcher", "tracking")
 
 
 class ClaimsOptions(Options):
@@ -21,10 +24,8 @@ class ClaimsOptions(Options):
     """one of conf/claim; all unless given"""
     preset: Literal["stored", "quick", "full"] = "stored"
     """run what is missing of the sweeps, at full size or quick; without it, the stored results decide"""
-    launcher: str | None = None
-    """of a preset's sweeps: an option of conf/launcher; each sweep's own unless given"""
     workers: int | None = Field(None, ge=1, examples=[2])
-    """processes of the launcher"""
+    """of a preset's sweeps: processes on this machine; keys of launcher and tracking are handed on to the sweeps"""
     output: UserPath | None = None
     """folder of claims.md and its pictures; for all claims docs, or outputs/claims/<preset> of a preset"""
     html: UserPath | None = None
@@ -35,7 +36,12 @@ class ClaimsOptions(Options):
 
 def main(arguments: Sequence[str]) -> None:
     """Decide claims, write their board, and list the verdicts."""
-    options = ClaimsOptions.parse(arguments, USAGE)
+    handed_on = [each for each in arguments if each.partition("=")[0].partition(".")[0] in GROUPS]
+    options = ClaimsOptions.parse([each for each in arguments if each not in handed_on], USAGE)
+    if handed_on and options.preset == "stored":
+        raise UserError(f"{handed_on[0]} is of the sweeps of a preset, and none is chosen", "Add preset=quick or full")
+    if options.workers and any(each.startswith("launcher=") and each != "launcher=joblib" for each in handed_on):
+        raise UserError(f"workers={options.workers} goes with launcher=joblib alone")
     from sextant.lifecycle import claims as life
     from sextant.lifecycle.claim_files import read_claims
     from sextant.reports.claims_board import seeds_told
@@ -51,8 +57,7 @@ def main(arguments: Sequence[str]) -> None:
         from sextant.tracking.environment import quiet_libraries
 
         quiet_libraries()
-        given = {"launcher": options.launcher, "launcher.workers": options.workers}
-        overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
+        overrides = handed_on + [f"launcher.workers={options.workers}"] * bool(options.workers)
         tables = life.run_claims(claims, options.preset, stored, overrides, TERMINAL, TERMINAL)
         output, command = default_outputs() / "claims" / options.preset, f"{command} preset={options.preset}"
     decided = life.decide_claims(claims, tables)
@@ -68,3 +73,5 @@ def main(arguments: Sequence[str]) -> None:
         console.print(f"not run: {sweep}: {why}", markup=False)
     for page in pages:
         console.print(str(page), markup=False)
+    if not decided:
+        raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, as said above")

@@ -8,6 +8,7 @@ from hydra.core.override_parser import types
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, OverrideParseException
 
+from sextant.config.schema.space import GRAMMAR, WRITTEN, is_dimension
 from sextant.errors import UserError
 
 
@@ -78,9 +79,13 @@ def parse(overrides: Sequence[str]) -> list[Override]:
         try:
             (parsed,) = parser.parse_overrides([text])
         except OverrideParseException:
+            value = text.partition("=")[2]
+            if is_dimension(value):
+                raise UserError(f"{text}: a range of values is for a search", "Add -m sweep.search=tpe") from None
+            ranges = f"; a search's ranges are {GRAMMAR}" if WRITTEN.fullmatch(value) else ""
             raise UserError(
                 f"{text!r} is not a key=value override",
-                "Write key=value without spaces; quote values with special characters: 'key=\"a, b\"'",
+                f"Write key=value without spaces; quote values with special characters: 'key=\"a, b\"'{ranges}",
             ) from None
         found.append(Override(text, parsed))
     return found

@@ -18,7 +18,7 @@ def rendered_datasets() -> str:
     """The options that can be rendered, in one sentence."""
     names = []
     for name in groups()["dataset"]:
-        content = read_config_file(conf_dir() / "dataset" / f"{name}.yaml")
-        if is_rendered(str(content.get("_target_", "sextant."))):
+        target = read_config_file(conf_dir() / "dataset" / f"{name}.yaml").get("_target_")
+        if target and is_rendered(str(target)):
             names.append(name)
     return f"Rendered datasets: {', '.join(names) or 'none yet'}"

@@ -156,7 +156,7 @@ def optimism(found: SearchResults) -> str:
         return ""
     digits, sign = _digits(found) + 1, 1 if found.maximize else -1
     fresh, tests = (np.array(values) for values in zip(*found.fresh, strict=True))
-    by_seeds = sign * (found.winner.mean - fresh.mean())
+    by_seeds = sign * (found.winner.mean - fresh.mean()) + 0.0  # no -0.00000
     text = (
         f"At the seeds it was chosen at, the winner looked better by {number(by_seeds, digits, sign=True)} than at "
         "fresh ones, on the same validation split."
