@@ -4,7 +4,7 @@ import re
 import sys
 
 import pytest
-from docs_commands import PAGES, Command, check, commands_of, documented
+from docs_commands import PAGES, ROOT, Command, check, commands_of, documented
 
 from sextant import cli
 from sextant.composing.config_files import groups

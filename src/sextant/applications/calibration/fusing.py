@@ -44,7 +44,8 @@ def shared(finding: Finding) -> float:
     focal = float(finding.network.camera.focal)
     network = network_sigmas(finding.network)[2] * (4 * focal * focal + 1) / (4 * focal)
     known = PhotoPrior.sigma[2] ** -2 + network**-2 * finding.trusts_network
-    return float(min(known * estimate(finding)[1][0] ** 2, 1.0))
+    by_curvature = estimate(finding)[1][0] / MULTIPLES["68"][2]
+    return float(min(known * by_curvature**2, 1.0))
 
 
 def adopt(finding: Finding, fusion: Fusion, basis: str) -> Finding:
