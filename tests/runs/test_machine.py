@@ -30,7 +30,20 @@ def test_runs_that_the_store_lacks_and_a_damaged_store_are_found(tmp_path):
     found = facts(tmp_path)
     assert found["runs", "finished"].found == "1 of 1"
     assert found["runs", "mlflow.db"].state == "bad"
-    assert "1 runs are not there" in found["runs", "tracking store"].found
+    assert "1 run is not there" in found["runs", "tracking store"].found
+
+
+def test_finished_runs_that_are_in_no_store_are_counted(tmp_path):
+    """As those of ``tracking=none``, until ``sextant dashboard`` notes the MLflow run that it made of each."""
+    for seed in range(3):
+        run = RunDirectory(tmp_path / "runs" / "classification" / f"05e71b0b-s{seed}")
+        run.update_state({"tracking": None, **({"mlflow_runs": ["0" * 32]} if seed == 2 else {})})
+        run.metrics.write_text('{"outcome": "finished", "metrics": {}}')
+    store = facts(tmp_path)["runs", "tracking store"]
+    assert (store.state, store.found) == (
+        "note", "2 runs are in no store; if they are to be in one, sextant dashboard fills it"
+    )  # fmt: skip
+    assert not (tmp_path / "mlflow.db").exists()
 
 
 def test_the_machine_is_described(tmp_path):

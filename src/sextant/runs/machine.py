@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from sextant.runs.directory import all_runs
+from sextant.runs.directory import RunDirectory, all_runs
 from sextant.runs.provenance import provenance
 
 State = Literal["good", "note", "bad"]
@@ -85,13 +85,26 @@ def _outputs(outputs: Path) -> Iterator[MachineFact]:
     writable = os.access(outputs, os.W_OK)
     yield MachineFact("runs", "outputs", f"{outputs}{'' if writable else ' cannot be written to'}", _bad(writable))
     yield MachineFact("runs", "finished", f"{finished} of {len(runs)}")
-    unsent = sum((run.state().get("tracking") or {}).get("sent") is False for run in runs if run.results() is not None)
     database = outputs / "mlflow.db"
     if database.is_file():
         what = _integrity(database)
         yield MachineFact("runs", "mlflow.db", "sound" if what == "ok" else what, _bad(what == "ok"))
-    lacks = f"{unsent} runs are not there: sextant dashboard sends them" if unsent else "has every finished run"
-    yield MachineFact("runs", "tracking store", lacks, _note(not unsent))
+    yield _tracked([run for run in runs if run.results() is not None])
+
+
+def _tracked(finished: list[RunDirectory]) -> MachineFact:
+    """Whether a store has every finished run; what was run with ``tracking=none`` and never sent is in none."""
+    states = [run.state() for run in finished]
+    unsent = sum((state.get("tracking") or {}).get("sent") is False for state in states)
+    nowhere = sum(not state.get("tracking") and not state.get("mlflow_runs") for state in states)
+    lacks = [f"{unsent} {_runs(unsent)} not there: sextant dashboard sends them"] if unsent else []
+    if nowhere:
+        lacks.append(f"{nowhere} {_runs(nowhere)} in no store; if they are to be in one, sextant dashboard fills it")
+    return MachineFact("runs", "tracking store", "; ".join(lacks) or "has every finished run", _note(not lacks))
+
+
+def _runs(count: int) -> str:
+    return "run is" if count == 1 else "runs are"
 
 
 def _integrity(database: Path) -> str:
