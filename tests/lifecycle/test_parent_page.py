@@ -1,17 +1,21 @@
 """The page of a sweep in MLflow: what it asks, how far it is, what it found; and names that tell its runs apart."""
 
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 
+import numpy as np
 import pytest
+from made_up_search import code_and_data
 from made_up_sweep import MadeUpRun, made_up_sweep
 
+from sextant.atomic_files import write_json
 from sextant.cli.dashboard import PAGE
-from sextant.lifecycle.parent_page import ParentPage
+from sextant.lifecycle.parent_page import ParentPage, fill_store
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.lifecycle.sweep import run_sweep
 from sextant.reports.sweep_page import MOST_EFFECTS, Progress, sweep_page
-from sextant.runs.directory import RunDirectory
-from sextant.runs.sweep_directory import read_plan
+from sextant.runs.directory import RunDirectory, RunKey
+from sextant.runs.sweep_directory import find_sweep, read_plan
 from sextant.tracking.store import open_store
 from sextant.tracking.sweep_parent import open_parent, refill_parents, run_name
 
@@ -153,3 +157,101 @@ def test_a_store_that_is_filled_anew_has_the_page_again(tmp_path):
     assert f"run_uuid={again.info.run_id})" in again.data.tags["mlflow.note.content"]
     assert again.data.metrics["effect/net clean"] == pytest.approx(12.5)
     assert store.client.list_artifacts(again.info.run_id, "page")
+
+
+def end_runs(outputs, plan, metrics_of=lambda cell: {}, **state):
+    """What the runs of a sweep leave that end while no process waits for them."""
+    for cell in plan.cells:
+        run, key = RunDirectory(outputs / cell.run), RunKey("classification", cell.digest, cell.seed, *code_and_data())
+        began = {"experiment": "classification", "started": 100.0, "ended": 200.0 + cell.seed, "params": PARAMS}
+        run.update_state(asdict(key) | began | state)
+        if not run.metrics.exists():
+            np.savez_compressed(run.arrays, labels=np.zeros(4, np.uint8), clean=np.arange(4, dtype=np.uint8) % 2)
+            found = {"outcome": "finished", "metrics": metrics_of(cell), "parameters": 1, "timing": {"fit_s": 1.0}}
+            write_json(run.metrics, found | asdict(key))
+
+
+def parent_and_children(store, outputs, plan):
+    """The parent run of a sweep, and the runs below it."""
+    runs = store.client.search_runs([store.experiment_id("classification")])
+    (parent,) = [run for run in runs if run.data.tags.get("sextant.sweep") == plan.directory(outputs).name]
+    return parent, [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent.info.run_id]
+
+
+def test_a_sweep_that_was_not_tracked_has_its_parent_once_a_store_is_filled(tmp_path):
+    plan = replace(sweep_in(tmp_path).plan, tracking={"kind": "none", "uri": None}, began=90.0, ended=300.0)
+    plan.write(tmp_path)
+    end_runs(tmp_path, plan, tracking=None)
+    store = open_store("sqlite", None, tmp_path)
+    assert fill_store(store, tmp_path, SILENT_RUN) == 16 + 1
+    parent, children = parent_and_children(store, tmp_path, plan)
+    assert (parent.info.run_name, parent.info.status) == ("made_up", "FINISHED")
+    assert (parent.info.start_time, parent.info.end_time) == (90_000, 300_000)
+    assert "16 of 16 runs have ended" in parent.data.tags["mlflow.note.content"]
+    assert parent.data.metrics["effect/net clean"] == pytest.approx(12.5)
+    assert parent.data.params["arms"] == "conv, push_pull"
+    assert store.client.list_artifacts(parent.info.run_id, "page")
+    names = {f"{arm} net seed {k}" for arm in ("conv", "push_pull") for k in range(8)}
+    assert {run.info.run_name for run in children} == names
+    assert {run.data.tags["arm"] for run in children} == {"conv", "push_pull"}
+    assert read_plan(plan.directory(tmp_path)).tracking == {"kind": "sqlite", "uri": None}  # a report goes there too
+    assert fill_store(store, tmp_path, SILENT_RUN) == 0
+
+
+def test_a_run_of_two_sweeps_that_were_not_tracked_is_a_child_of_the_first(tmp_path):
+    later = replace(sweep_in(tmp_path).plan, began=90.0, ended=300.0, tracking={"kind": "none"})
+    earlier = replace(later, name="zoo", cells=later.cells[:3], began=80.0)
+    for plan in (later, earlier):
+        plan.write(tmp_path)
+        end_runs(tmp_path, plan)
+    store = open_store("sqlite", None, tmp_path)
+    fill_store(store, tmp_path, SILENT_RUN)
+    assert [len(parent_and_children(store, tmp_path, plan)[1]) for plan in (earlier, later)] == [3, 13]
+
+
+def submitted_and_left(outputs):
+    """The command of a sweep whose runs are submitted; its plan."""
+    command = ["task=classification", "optimizer.lr=0.1,0.2", "seed=0,1", f"paths.outputs={outputs}"]
+    outcome = run_sweep(command, run_cells=lambda cells: [None] * len(cells))
+    assert outcome.count("submitted") == 4
+    return command, read_plan(find_sweep("sweep", outputs))
+
+
+def test_the_page_of_a_sweep_that_was_left_ends_when_its_command_is_repeated(tmp_path):
+    command, plan = submitted_and_left(tmp_path)
+    store = open_store("sqlite", None, tmp_path)
+    parent, _ = parent_and_children(store, tmp_path, plan)
+    assert (parent.info.status, parent.data.metrics["runs/done"]) == ("RUNNING", 0)
+    own = {"kind": "sqlite", "uri": None, "parent_run": parent.info.run_id, "log_checkpoint": False, "sent": False}
+    end_runs(tmp_path, plan, tracking=own)
+    run_sweep(command, run_cells=lambda cells: pytest.fail("nothing is missing"))
+    parent, children = parent_and_children(store, tmp_path, plan)
+    assert (parent.info.status, parent.info.end_time) == ("FINISHED", 201_000)
+    assert "4 of 4 runs have ended" in parent.data.tags["mlflow.note.content"]
+    assert parent.data.metrics["runs/done"] == 4
+    assert {run.info.run_name for run in children} == {f"{lr} seed {seed}" for lr in (0.1, 0.2) for seed in (0, 1)}
+
+
+@pytest.mark.parametrize("before", ["RUNNING", "FINISHED"])
+def test_the_page_of_a_sweep_that_was_left_ends_when_the_store_is_filled(before, tmp_path):
+    """Also of one whose parent was ended by a refill that left the page as it was."""
+    plan = replace(sweep_in(tmp_path).plan, tracking={"kind": "sqlite", "uri": None}, began=90.0)
+    parent = open_parent("sqlite", None, tmp_path, plan, "classification")
+    plan = replace(plan, mlflow_runs=[parent.run_id])
+    plan.write(tmp_path)
+    for cell in plan.cells:
+        RunDirectory(tmp_path / cell.run).metrics.rename(tmp_path / cell.run / "later")
+    ParentPage(parent, plan, tmp_path, SILENT_RUN).look()
+    parent.status(before)
+    for cell in plan.cells:
+        (tmp_path / cell.run / "later").rename(RunDirectory(tmp_path / cell.run).metrics)
+    end_runs(tmp_path, plan, tracking={"kind": "sqlite", "uri": None, "sent": False, "log_checkpoint": False})
+    store = open_store("sqlite", None, tmp_path)
+    assert store.client.get_run(parent.run_id).data.metrics["runs/done"] == 0
+    fill_store(store, tmp_path, SILENT_RUN)
+    found, children = parent_and_children(store, tmp_path, plan)
+    assert (found.info.run_id, found.info.status) == (parent.run_id, "FINISHED")
+    assert "16 of 16 runs have ended" in found.data.tags["mlflow.note.content"]
+    assert found.data.metrics["effect/net clean"] == pytest.approx(12.5)
+    assert len(children) == 16
+    assert fill_store(store, tmp_path, SILENT_RUN) == 0

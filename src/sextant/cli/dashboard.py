@@ -89,9 +89,9 @@ def _server(options: DashboardOptions) -> str | None:
 
 
 def _fill(store: "Store", outputs: Path) -> None:
-    from sextant.tracking.refill import refill
+    from sextant.lifecycle.parent_page import fill_store
 
-    changed = refill(store, outputs, reporter=TERMINAL)
+    changed = fill_store(store, outputs, TERMINAL)
     console.print(f"{changed} runs brought up to date" if changed else "the store is up to date")
 
 

@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from sextant.atomic_files import write_json
+from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
 from sextant.lifecycle.claim_files import read_claims
 from sextant.lifecycle.run_reporter import RunReporter
@@ -12,9 +13,12 @@ from sextant.recipes import recipe_of
 from sextant.reports.results import Measured, SweepResults, read_results
 from sextant.reports.sweep_page import Progress, sweep_page
 from sextant.runs.directory import RunDirectory
-from sextant.runs.sweep_directory import SweepPlan
-from sextant.tracking.mirror import MirroredRun
-from sextant.tracking.sweep_parent import PAGE, PICTURES, artifact_address, label_cells, send_page
+from sextant.runs.locks import LockedError, run_lock
+from sextant.runs.sweep_directory import SweepPlan, read_plan
+from sextant.tracking.mirror import MirroredRun, ended_at
+from sextant.tracking.refill import refill
+from sextant.tracking.store import Store
+from sextant.tracking.sweep_parent import DONE, PAGE, PICTURES, artifact_address, label_cells, send_page
 
 #: between two looks at the runs, unless the sweep has ended
 EVERY_S = 20.0
@@ -35,8 +39,8 @@ class ParentPage:
     def __init__(self, parent: MirroredRun, plan: SweepPlan, outputs: Path, reporter: RunReporter):
         self.parent, self.plan, self.outputs, self.reporter = parent, plan, outputs, reporter
         self.directory = plan.directory(outputs)
-        self.runs = [outputs / run for run in dict.fromkeys(cell.run for cell in plan.cells)]
-        self.began, self.before = time.time(), self._done()
+        self.runs = _runs(plan, outputs)
+        self.began, self.before = time.time(), _done(self.runs)
         self._looked, self._failed = 0.0, False
         self._named: set[str] = set()
 
@@ -60,55 +64,110 @@ class ParentPage:
             self._failed = True
 
     def _write(self, ended: bool) -> None:
-        done = self._done()
-        try:
-            results = read_results(self.directory, self.outputs, _measured) if done else None
-        except UserError:  # none of those that ended was tested
-            results = None
-        pictures = [] if results is None or not ended else self._pictures(results)
-        page = sweep_page(self.plan, self._progress(), results, pictures)
-        tags = self._tags()
+        tags = write_page(self.plan, self.outputs, left_s=self._left_s(), ended=ended)
         self._named |= label_cells(self.parent, self.plan, self.outputs, tags, self._named)
-        kept = {"text": page.text, "tags": tags, "params": self._params(), "metrics": page.metrics, "step": done}
-        write_json(self.directory / PAGE, kept)
         send_page(self.parent, self.directory)
 
-    def _tags(self) -> dict[str, str]:
-        """The task, and the claims that the sweep decides."""
-        rests = [name for name, claim in read_claims().items() if any(p.sweep == self.plan.name for p in claim.parts)]
-        return {"task": self.plan.cells[0].run.split("/")[1], **({"claim": ", ".join(rests)} if rests else {})}
-
-    def _params(self) -> dict[str, str]:
-        """What is compared, in which settings, and over which seeds; of a search, what is searched and how."""
-        cells = self.plan.cells
-        if self.plan.is_search:
-            search = self.plan.definition["search"]
-            return {"search": str(search["method"]), **search["space"]}
-        told = {
-            "arms": [cell.arm for cell in cells],
-            "settings": [cell.setting for cell in cells],
-            "seeds": [str(cell.seed) for cell in cells],
-        }
-        return {name: ", ".join(dict.fromkeys(values)) for name, values in told.items()}
-
-    def _pictures(self, results: SweepResults) -> Sequence[str]:
-        from sextant.figures.style import save_figure
-        from sextant.reports.contrasts import contrasts
-        from sextant.reports.sweep_report import contrast_figures
-
-        made = contrast_figures(results, contrasts(results))
-        paths = [path for name, figure in made for path in save_figure(figure, self.directory / PICTURES, name)]
-        return [artifact_address(f"{PICTURES}/{path.name}") for path in paths]
-
-    def _progress(self) -> Progress:
-        done = self._done()
-        failures = {cell.run: cell.message for cell in self.plan.cells if cell.message}
+    def _left_s(self) -> float:
+        done = _done(self.runs)
         new = done - self.before
-        left = (time.time() - self.began) / new * (len(self.runs) - done) if new else float("nan")
-        return Progress(done, len(self.runs), failures, left)
+        return (time.time() - self.began) / new * (len(self.runs) - done) if new else float("nan")
 
-    def _done(self) -> int:
-        return sum(RunDirectory(run).metrics.is_file() for run in self.runs)
+
+def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), ended: bool = True) -> dict[str, str]:
+    """Write what the parent run of a sweep is to show into the sweep's directory.
+
+    Args:
+        plan: of the sweep.
+        outputs: folder that the runs of the plan are relative to.
+        left_s: estimate of what remains, in seconds.
+        ended: with the figures of the contrasts.
+
+    Returns:
+        The tags among it, which are those of its runs too.
+    """
+    directory, runs = plan.directory(outputs), _runs(plan, outputs)
+    done = _done(runs)
+    try:
+        results = read_results(directory, outputs, _measured) if done else None
+    except UserError:  # none of those that ended was tested
+        results = None
+    pictures = [] if results is None or not ended else _pictures(results, directory)
+    failures = {cell.run: cell.message for cell in plan.cells if cell.message}
+    page, tags = sweep_page(plan, Progress(done, len(runs), failures, left_s), results, pictures), _tags(plan)
+    kept = {"text": page.text, "tags": tags, "params": _params(plan), "metrics": page.metrics, "step": done}
+    write_json(directory / PAGE, kept)
+    return tags
+
+
+def fill_store(store: Store, outputs: Path, reporter: RunReporter) -> int:
+    """Write the pages of sweeps that ended unseen, and bring a store up to date with the run directories.
+
+    Args and raises:
+        As :func:`~sextant.tracking.refill.refill`, which this is for every run, wherever it logs to.
+
+    Returns:
+        How many runs, and parents of sweeps, were made or repaired.
+    """
+    for file in sorted(outputs.glob("sweeps/*/cells.json")):
+        try:
+            with run_lock(outputs / "sweeps", file.parent.name, wait=False):
+                _renew(read_plan(file.parent), outputs)
+        except LockedError:
+            continue
+        except Exception as error:  # a sweep that cannot be read must not keep the runs from the store
+            reporter.say(f"the page of {file.parent.name} could not be written: {error}")
+    return refill(store, outputs, reporter=reporter)
+
+
+def _renew(plan: SweepPlan, outputs: Path) -> None:
+    """Write the page of a sweep that no process runs, unless it counts the runs that have ended."""
+    if not plan.cells:
+        return
+    page, runs = read_json(plan.directory(outputs) / PAGE), _runs(plan, outputs)
+    closed = plan.ended or _done(runs) < len(runs)
+    if not closed:  # as of one that was submitted, and whose last run ended while no process waited for it
+        plan = replace(plan, ended=max(ended_at(RunDirectory(run)) for run in runs))
+        plan.write(outputs)
+    if not closed or page is None or page["metrics"].get(DONE) != _done(runs):
+        write_page(plan, outputs)
+
+
+def _tags(plan: SweepPlan) -> dict[str, str]:
+    """The task, and the claims that the sweep decides."""
+    rests = [name for name, claim in read_claims().items() if any(p.sweep == plan.name for p in claim.parts)]
+    return {"task": plan.cells[0].run.split("/")[1], **({"claim": ", ".join(rests)} if rests else {})}
+
+
+def _params(plan: SweepPlan) -> dict[str, str]:
+    """What is compared, in which settings, and over which seeds; of a search, what is searched and how."""
+    if plan.is_search:
+        search = plan.definition["search"]
+        return {"search": str(search["method"]), **search["space"]}
+    told = {
+        "arms": [cell.arm for cell in plan.cells],
+        "settings": [cell.setting for cell in plan.cells],
+        "seeds": [str(cell.seed) for cell in plan.cells],
+    }
+    return {name: ", ".join(dict.fromkeys(values)) for name, values in told.items()}
+
+
+def _pictures(results: SweepResults, directory: Path) -> Sequence[str]:
+    from sextant.figures.style import save_figure
+    from sextant.reports.contrasts import contrasts
+    from sextant.reports.sweep_report import contrast_figures
+
+    made = contrast_figures(results, contrasts(results))
+    paths = [path for name, figure in made for path in save_figure(figure, directory / PICTURES, name)]
+    return [artifact_address(f"{PICTURES}/{path.name}") for path in paths]
+
+
+def _runs(plan: SweepPlan, outputs: Path) -> list[Path]:
+    return [outputs / run for run in dict.fromkeys(cell.run for cell in plan.cells)]
+
+
+def _done(runs: Sequence[Path]) -> int:
+    return sum(RunDirectory(run).metrics.is_file() for run in runs)
 
 
 def _measured(task: str) -> Measured:

@@ -123,13 +123,14 @@ def _run_planned(
     plan.write(outputs)
     missing = missing_cells(planned, outputs)
     reporter.planned(plan, len({cell.run for cell in plan.cells}) - len(missing))
-    return run_missing(plan, missing, config, outputs, run_cells, reporter) if missing else (plan, set())
+    closed = plan.ended or not plan.began
+    return (plan, set()) if closed and not missing else run_missing(plan, missing, config, outputs, run_cells, reporter)
 
 
 def run_missing(
     plan: SweepPlan, missing: list[CellTask], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
 ) -> tuple[SweepPlan, set[str]]:
-    """Run cells under the parent run of a sweep.
+    """Run cells under the parent run of a sweep; without any, only end it, as of one that was submitted and left.
 
     Returns:
         The plan as it ended, and the runs that were left to a cluster.
@@ -152,8 +153,10 @@ def run_missing(
         added.append(f"tracking.parent_run={parent.run_id}")
         catch_up(config.tracking.kind, config.tracking.uri, outputs, reporter)
     try:
-        with _watched([RunDirectory(cell.run) for cell in missing], reporter, page):
-            outcomes = run_cells([replace(cell, overrides=(*cell.overrides, *added)) for cell in missing])
+        outcomes: Outcomes = []
+        if missing:
+            with _watched([RunDirectory(cell.run) for cell in missing], reporter, page):
+                outcomes = run_cells([replace(cell, overrides=(*cell.overrides, *added)) for cell in missing])
     except BaseException as error:
         plan = _ended(plan, outputs)
         if parent is not None:
@@ -167,7 +170,10 @@ def run_missing(
     if left:
         plan.write(outputs)
     else:
-        plan = _ended(plan, outputs)
+        from sextant.tracking.mirror import ended_at
+
+        unseen = None if missing else max(ended_at(RunDirectory(outputs / cell.run)) for cell in plan.cells)
+        plan = _ended(plan, outputs, unseen)
         if page is not None:
             page.end(plan)
         if parent is not None:
@@ -175,8 +181,8 @@ def run_missing(
     return plan, left
 
 
-def _ended(plan: SweepPlan, outputs: Path) -> SweepPlan:
-    plan = replace(plan, ended=time.time())
+def _ended(plan: SweepPlan, outputs: Path, when: float | None = None) -> SweepPlan:
+    plan = replace(plan, ended=when or time.time())
     plan.write(outputs)
     return plan
 

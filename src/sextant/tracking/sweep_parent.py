@@ -18,6 +18,8 @@ from sextant.tracking.store import Kind, Store, open_store, require_server, tell
 PAGE, PICTURES = "page.json", "page"
 #: in the page: stands for the parent's id, which changes when a store is filled anew
 PARENT_ID = "PARENT"
+#: metric of the page: how many runs have ended
+DONE = "runs/done"
 
 
 def open_parent(kind: Kind, uri: str | None, outputs: Path, plan: SweepPlan, experiment: str) -> MirroredRun:
@@ -130,60 +132,88 @@ def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
 def refill_parents(
     store: Store, outputs: Path, changed: Sequence[RunDirectory] = (), *, all_of_them: bool = True
 ) -> int:
-    """Make the parent runs again that a store lacks, end those that nothing runs, and tie cells to them.
+    """Make the parent runs that a store lacks, end those that nothing runs, send their pages, and tie cells to them.
 
     Args:
         store: where.
         outputs: output folder with the sweeps.
         changed: run directories whose MLflow runs may have been made anew.
-        all_of_them: false looks only at sweeps that log to this store.
+        all_of_them: false looks only at sweeps that log to this store and have had a parent in it.
 
     Returns:
-        How many were made or ended.
+        How many were made, ended or brought up to date.
     """
     repaired = 0
-    for file in sorted(outputs.glob("sweeps/*/cells.json")):
-        tracking = read_plan(file.parent).tracking
+    for directory in sorted((file.parent for file in outputs.glob("sweeps/*/cells.json")), key=_first_begun):
+        tracking = read_plan(directory).tracking
         if not (all_of_them or store.is_at(tracking.get("kind"), tracking.get("uri"))):
             continue
         try:
-            with run_lock(outputs / "sweeps", file.parent.name, wait=False):
-                plan = read_plan(file.parent)
-                if all_of_them or not _deleted(store, plan):
-                    repaired += _repair(store, outputs, plan, file.parent / "report", changed)
+            with run_lock(outputs / "sweeps", directory.name, wait=False):
+                plan = read_plan(directory)
+                if all_of_them or (plan.mlflow_runs and not _deleted(store, plan)):
+                    repaired += _repair(store, outputs, plan, changed)
         except LockedError:
             continue
     return repaired
 
 
-def _repair(store: Store, outputs: Path, plan: SweepPlan, report: Path, changed: Sequence[RunDirectory]) -> bool:
-    """Whether the parent had to be made again, or to be ended: it is RUNNING although no process runs its sweep."""
-    if not plan.mlflow_runs:
+def _first_begun(directory: Path) -> tuple[float, str]:
+    """Orders sweeps: a run that several share is a child of the first, and is named by the last."""
+    plan = read_plan(directory)
+    return plan.began or plan.started, directory.name
+
+
+def _repair(store: Store, outputs: Path, plan: SweepPlan, changed: Sequence[RunDirectory]) -> bool:
+    """Whether the parent had to be made, ended or brought up to date.
+
+    It has to be made for a store that lacks it, also if the sweep was run with ``tracking=none``; to be ended if it is
+    RUNNING although no process runs its sweep; to be brought up to date if it does not count all runs that have ended.
+    """
+    runs, directory = [RunDirectory(outputs / cell.run) for cell in plan.cells], plan.directory(outputs)
+    if not plan.mlflow_runs and not any(run.state() for run in runs):
         return False
-    runs = [RunDirectory(outputs / cell.run) for cell in plan.cells]
     known = known_run(store, plan.mlflow_runs)
     if known is None:
         experiment = next((run.state()["experiment"] for run in runs if "experiment" in run.state()), "sweeps")
         parent = _find_or_make(store, store.experiment_id(str(experiment)), plan, outputs)
         plan = replace(plan, mlflow_runs=[*plan.mlflow_runs, parent.run_id])
+        if plan.tracking.get("kind") in (None, "none"):  # from now on its reports go there
+            here = store.artifacts is not None
+            plan = replace(plan, tracking={"kind": "sqlite" if here else "server", "uri": None if here else store.uri})
         plan.write(outputs)
-        parent.artifacts(report)
-        send_page(parent, report.parent)
+        parent.artifacts(directory / "report")
     else:
         parent = MirroredRun(store, known)
     for run in runs if known is None else [run for run in runs if run in changed]:
-        begun_by = (run.state().get("tracking") or {}).get("parent_run")
-        child = known_run(store, run.tracking_ids())
-        if child is not None and (begun_by is None or begun_by in plan.mlflow_runs):
-            MirroredRun(store, child).tags({PARENT: parent.run_id})
-    if known is None or any(run in changed for run in runs):
-        label_cells(parent, plan, outputs)
-    ended = known is None or store.client.get_run(known).info.status == "RUNNING"
-    if ended:
+        _tie(parent, plan, run)
+    behind = known is None or _behind(store, known, directory)
+    if behind or any(run in changed for run in runs):
+        label_cells(parent, plan, outputs, (read_json(directory / PAGE) or {}).get("tags", {}))
+    if behind:
+        send_page(parent, directory)
         parent.status(_status(plan, runs), plan.ended or max(map(ended_at, runs)))
     if parent.broken and store.artifacts is None:
         require_server(store.uri)
-    return ended
+    return behind
+
+
+def _tie(parent: MirroredRun, plan: SweepPlan, run: RunDirectory) -> None:
+    """Make a run a child of the parent, unless another sweep's parent has it."""
+    begun_by = (run.state().get("tracking") or {}).get("parent_run")
+    child = known_run(parent.store, run.tracking_ids())
+    if child is None or begun_by not in (None, *plan.mlflow_runs):
+        return
+    tied_to = parent.store.client.get_run(child).data.tags.get(PARENT)
+    if begun_by is not None or tied_to is None or known_run(parent.store, [tied_to]) is None:
+        MirroredRun(parent.store, child).tags({PARENT: parent.run_id})
+
+
+def _behind(store: Store, parent: str, directory: Path) -> bool:
+    """Whether the parent has not ended, or counts other runs than the page in the directory of its sweep does."""
+    found, page = store.client.get_run(parent), read_json(directory / PAGE)
+    counted = None if page is None else page["metrics"].get(DONE)
+    return found.info.status == "RUNNING" or (counted is not None and found.data.metrics.get(DONE) != counted)
 
 
 def _deleted(store: Store, plan: SweepPlan) -> bool:
