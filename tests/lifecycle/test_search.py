@@ -315,3 +315,40 @@ def test_the_report_tells_trials_winner_and_how_optimistic_the_search_was(whole)
     assert read_plan(folder).is_search
     assert contrasts(sweep_results("search", outputs)) == []  # these would compare trials by their tests
     assert math.isclose(sum(read_json(folder / "search.json")["importances"].values()), 1)
+
+
+def test_a_search_has_one_life_in_the_store_and_its_page_says_what_leads(tmp_path, monkeypatch):
+    from mlflow import MlflowClient
+
+    from sextant.tracking.store import open_store
+
+    store, seen, ends = open_store("sqlite", None, tmp_path), [], []
+    terminate = MlflowClient.set_terminated
+    monkeypatch.setattr(MlflowClient, "set_terminated", lambda *a, **k: (ends.append(k), terminate(*a, **k)))
+
+    def parent():
+        (found,) = store.client.search_runs([store.experiment_id("classification")])
+        return found
+
+    class Watched(MadeUpRuns):
+        def __call__(self, cells):
+            seen.append(parent())
+            return super().__call__(cells)
+
+    given = [word for word in arguments(tmp_path, trials=5) if word != "tracking=none"]
+    sweep_or_search(given, run_cells=Watched())
+    assert len(seen) > 5
+    assert {found.info.status for found in seen} == {"RUNNING"}
+    assert len(ends) == 1
+    assert re.search(r"[1-4] of 5 trials so far; \d runs have ended", seen[3].data.tags["mlflow.note.content"])
+    assert "Best: trial" in seen[3].data.tags["mlflow.note.content"]
+    found, winner = parent(), found_in(tmp_path).winner
+    assert found.info.status == "FINISHED"
+    text = found.data.tags["mlflow.note.content"]
+    assert f"Best: trial {winner.number}, `optimizer.lr={winner.setting['optimizer.lr']} " in text
+    assert "5 of 5 trials" in text
+    assert "page%2Fhistory.png" in text
+    assert "page%2Fimportances.png" in text
+    assert found.data.metrics["best/val accuracy"] == pytest.approx(winner.mean)
+    sweep_or_search(given, run_cells=pytest.fail)  # nothing is missing, and nothing begins anew
+    assert len(ends) == 1

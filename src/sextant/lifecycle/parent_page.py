@@ -69,6 +69,8 @@ class ParentPage:
         send_page(self.parent, self.directory)
 
     def _left_s(self) -> float:
+        if self.plan.is_search:  # how many runs there will be depends on what they find
+            return float("nan")
         done = _done(self.runs)
         new = done - self.before
         return (time.time() - self.began) / new * (len(self.runs) - done) if new else float("nan")
@@ -155,9 +157,14 @@ def _params(plan: SweepPlan) -> dict[str, str]:
 def _pictures(results: SweepResults, directory: Path) -> Sequence[str]:
     from sextant.figures.style import save_figure
     from sextant.reports.contrasts import contrasts
+    from sextant.reports.search_report import search_figures
+    from sextant.reports.search_results import search_results
     from sextant.reports.sweep_report import contrast_figures
 
-    made = contrast_figures(results, contrasts(results))
+    if results.plan.is_search:
+        made = search_figures(search_results(results)) if (directory / "search.json").exists() else []
+    else:
+        made = contrast_figures(results, contrasts(results))
     paths = [path for name, figure in made for path in save_figure(figure, directory / PICTURES, name)]
     return [artifact_address(f"{PICTURES}/{path.name}") for path in paths]
 

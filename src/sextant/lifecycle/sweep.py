@@ -128,9 +128,22 @@ def _run_planned(
 
 
 def run_missing(
-    plan: SweepPlan, missing: list[CellTask], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
+    plan: SweepPlan,
+    missing: list[CellTask],
+    config: Config,
+    outputs: Path,
+    run_cells: Launch,
+    reporter: RunReporter,
+    *,
+    last: bool = True,
 ) -> tuple[SweepPlan, set[str]]:
     """Run cells under the parent run of a sweep; without any, only end it, as of one that was submitted and left.
+
+    Args:
+        plan, missing, config, outputs: of the sweep.
+        run_cells: runs cells.
+        reporter: listens to the sweep.
+        last: false leaves the parent open for a further call, as a search does.
 
     Returns:
         The plan as it ended, and the runs that were left to a cluster.
@@ -165,19 +178,20 @@ def run_missing(
         raise
     ended = {cell.run.relative_to(outputs).as_posix(): how for cell, how in zip(missing, outcomes, strict=True)}
     failed = {run: how["message"] for run, how in ended.items() if how is not None and how["status"] == "failed"}
-    plan = replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells])
+    if missing:
+        plan = replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells])
     left = {run for run, how in ended.items() if how is None}
-    if left:
+    if left or not last:
         plan.write(outputs)
     else:
         from sextant.tracking.mirror import ended_at
 
-        unseen = None if missing else max(ended_at(RunDirectory(outputs / cell.run)) for cell in plan.cells)
-        plan = _ended(plan, outputs, unseen)
+        ends = [] if missing else [ended_at(RunDirectory(outputs / cell.run)) for cell in plan.cells]
+        plan = _ended(plan, outputs, max(ends, default=None))
         if page is not None:
             page.end(plan)
         if parent is not None:
-            parent.status("FAILED" if failed else "FINISHED", plan.ended)
+            parent.status("FAILED" if any(cell.message for cell in plan.cells) else "FINISHED", plan.ended)
     return plan, left
 
 

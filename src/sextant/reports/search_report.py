@@ -4,6 +4,7 @@ import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from sextant.figures.style import save_figure
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import SearchResults, search_results
 from sextant.reports.tables import TextTable, decimals, interval, number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_search_report(results: SweepResults) -> list[Path]:
@@ -38,13 +42,16 @@ def write_search_report(results: SweepResults) -> list[Path]:
     for name, text in texts.items():
         (folder / name).write_text(text)
         paths.append(folder / name)
-    points = [TrialPoint(t.number, t.mean, t.values, len(t.values) == len(found.seeds)) for t in found.trials]
-    made = [("history", search_history(points, str(found.search["metric"]), maximize=found.maximize))]
-    if found.importances:
-        made.append(("importances", importance_bars(found.importances)))
-    for name, figure in made:
+    for name, figure in search_figures(found):
         paths += save_figure(figure, folder, name, formats=("png", "svg"))
     return paths
+
+
+def search_figures(found: SearchResults) -> "list[tuple[str, Figure]]":
+    """The history of the trials and, where there are any, the importances, each with its name."""
+    points = [TrialPoint(t.number, t.mean, t.values, len(t.values) == len(found.seeds)) for t in found.trials]
+    made = [("history", search_history(points, str(found.search["metric"]), maximize=found.maximize))]
+    return [*made, *([("importances", importance_bars(found.importances))] if found.importances else [])]
 
 
 def trials_table(found: SearchResults) -> TextTable:

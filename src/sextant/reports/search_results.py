@@ -9,6 +9,7 @@ import numpy as np
 
 from sextant.atomic_files import read_json
 from sextant.errors import UserError
+from sextant.evaluation.racing import leader
 from sextant.reports.results import CellResult, SweepResults
 
 State = Literal["all seeds", "raced out", "diverged", "failed", "unfinished"]
@@ -116,6 +117,30 @@ def search_results(results: SweepResults) -> SearchResults:
         importances=found["importances"],
         test_metric=test_metric,
     )
+
+
+def leading_trial(results: SweepResults) -> tuple[CellResult, float, int] | None:
+    """The trial that leads by what its runs have found so far, which needs no search that has ended.
+
+    Returns:
+        Its first run, the mean of the validation metric, and over how many seeds; None while no trial has a result.
+    """
+    search, seeds = results.plan.definition["search"], list(results.plan.definition["seeds"])
+    sign = 1 if search["direction"] == "maximize" else -1
+    first: dict[str, CellResult] = {}
+    for cell in results.cells:
+        first.setdefault(cell.cell.arm, cell)
+    scores, rows = np.full((len(first), len(seeds)), math.nan), {arm: row for row, arm in enumerate(first)}
+    for cell in results.cells:
+        if cell.cell.seed in seeds and cell.outcome != "missing":
+            known = cell.outcome == "finished" and search["metric"] in cell.metrics
+            value = sign * cell.metrics[search["metric"]] if known else -math.inf
+            scores[rows[cell.cell.arm], seeds.index(cell.cell.seed)] = value
+    found = leader(scores)
+    if found is None:
+        return None
+    values = scores[found][~np.isnan(scores[found])]
+    return list(first.values())[found], sign * float(values.mean()), len(values)
 
 
 def _trial(

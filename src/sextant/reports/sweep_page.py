@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.results import SweepResults
+from sextant.reports.search_results import leading_trial
 from sextant.reports.tables import TextTable, interval, number
 from sextant.runs.sweep_directory import SweepPlan
 
@@ -53,7 +54,11 @@ def sweep_page(
         pictures: addresses of the figures of its contrasts.
     """
     rows = [] if results is None else [row for row in contrasts(results) if row.paired is not None]
-    parts = [f"**{plan.definition.get('question') or plan.name}**\n", _how_far(progress)]
+    parts = [f"**{plan.definition.get('question') or plan.name}**\n", _how_far(plan, progress)]
+    found: dict[str, float] = {}
+    if plan.is_search and results is not None:
+        text, found = _best_so_far(results)
+        parts += [text, *(f"![search]({address})\n" for address in pictures)]
     if results is not None and rows:
         told = f"{results.measure.difference.capitalize()}; {results.measure.better} is better."
         parts += [f"{told}\n", *(f"![contrast]({address})\n" for address in pictures), _table(rows[:MOST_ROWS])]
@@ -64,7 +69,7 @@ def sweep_page(
         f"```\npython train.py -m {shlex.join(plan.command)}\nsextant report sweep={plan.name}-{plan.digest[:8]}\n```\n"
     )
     metrics = {"runs/done": float(progress.done), "runs/planned": float(progress.planned)}
-    metrics["runs/failed"] = float(len(progress.failures))
+    metrics |= {"runs/failed": float(len(progress.failures)), **found}
     if progress.left_s == progress.left_s:
         metrics["minutes_left"] = progress.left_s / 60
     effects = [row for row in rows if row.contrast != plan.definition.get("noise_floor")]
@@ -74,10 +79,25 @@ def sweep_page(
     return SweepPage("\n".join(parts), metrics)
 
 
-def _how_far(progress: Progress) -> str:
+def _how_far(plan: SweepPlan, progress: Progress) -> str:
     left = progress.left_s / 60
     told = f", some {left:.0f} minutes left" if left == left and progress.done < progress.planned else ""
-    return f"{progress.done} of {progress.planned} runs have ended{told}.\n"
+    if not plan.is_search:
+        return f"{progress.done} of {progress.planned} runs have ended{told}.\n"
+    trials = len({cell.arm for cell in plan.cells})
+    return f"{trials} of {plan.definition['search']['n_trials']} trials so far; {progress.done} runs have ended.\n"
+
+
+def _best_so_far(results: SweepResults) -> tuple[str, dict[str, float]]:
+    """The trial of a search that leads, in words and as metrics."""
+    leads, metric = leading_trial(results), str(results.plan.definition["search"]["metric"])
+    if leads is None:
+        return "No trial has a result yet.\n", {}
+    run, mean, seeds = leads
+    words = " ".join(f"{key}={value}" for key, value in run.cell.factors.items())
+    over = f"mean of {seeds} seeds" if seeds > 1 else "one seed"
+    name = metric.replace("/", " ")
+    return f"Best: {run.cell.arm}, `{words}`, {metric} {number(mean)} ({over}).\n", {f"best/{name}": mean}
 
 
 def _table(rows: Sequence[ContrastRow]) -> str:

@@ -134,6 +134,8 @@ class _Search:
             fresh = best.planned[len(self.design.seeds) :]
             self._launch([entry for entry in fresh if not self._finished(entry.cell.run)])
         self._summarise(best)
+        if self.plan.began and not self.plan.ended:
+            self.plan, _ = run_missing(self.plan, [], self.config, self.outputs, self.run_cells, self.reporter)
 
     def _next(self) -> list[Planned]:
         """The runs to start together: a seed for each trial that deserves one, and new trials beside them.
@@ -166,7 +168,9 @@ class _Search:
         self.plan = replace(self.plan, cells=self.table.cells(batch))
         missing = missing_cells([replace(entry, finished=False) for entry in batch], self.outputs)
         self.started |= {entry.cell.run for entry in batch}
-        self.plan, _ = run_missing(self.plan, missing, self.config, self.outputs, self.run_cells, self.reporter)
+        self.plan, _ = run_missing(
+            self.plan, missing, self.config, self.outputs, self.run_cells, self.reporter, last=False
+        )
         self.table.failed |= {cell.run: cell.message for cell in self.plan.cells if cell.message}
 
     def _tell_settled(self) -> None:
