@@ -21,7 +21,7 @@ from sextant.lifecycle.run_reporter import SILENT_RUN
 from sextant.lifecycle.sweep import dry_run, run_sweep
 from sextant.lifecycle.sweep_status import sweep_status
 from sextant.runs.directory import RunDirectory
-from sextant.runs.sweep_directory import find_sweep
+from sextant.runs.sweep_directory import find_sweep, read_plan
 
 SLURM = ("launcher=slurm", "launcher.lease_s=0.3", "tracking=none")
 
@@ -166,6 +166,30 @@ def test_what_waits_in_the_queue_is_not_submitted_again_and_what_is_cancelled_en
     assert [submission.tasks for submission in submissions(folder)] == [[[c.name] for c in both], [[both[0].name]]]
     assert cancel_all(folder) == 1
     assert (slurm / "cancelled").read_text() == "7_1\n"
+
+
+NO_SQUEUE, NO_CONTROLLER = "squeue: No such file or directory", "squeue: no controller answers"
+
+
+@pytest.mark.parametrize("reason", [NO_SQUEUE, NO_CONTROLLER])
+def test_without_the_queue_run_directories_tell_the_status_and_nothing_is_cancelled(
+    tmp_path, slurm, monkeypatch, capsys, reason
+):
+    given = ["seed=0,1", *SLURM, "launcher.wait=false", f"paths.outputs={tmp_path}"]
+    directory = run_sweep(given).directory
+    finish(tmp_path / read_plan(directory).cells[0].run)
+    if reason == NO_SQUEUE:
+        monkeypatch.setenv("PATH", str(tmp_path))
+    else:
+        (slurm / "squeue").write_text("#!/bin/sh\necho no controller answers >&2; exit 1\n")
+    cli.run("sweep", ["status", "sweep", f"outputs={tmp_path}"])
+    said = capsys.readouterr().out
+    assert f"{reason}; runs that wait in SLURM's queue are not shown" in said
+    assert "1 finished, 1 missing" in said
+    with pytest.raises(SystemExit):
+        cli.run("sweep", ["cancel", "sweep", f"outputs={tmp_path}"])
+    assert reason in capsys.readouterr().err
+    assert not any(submission.cancelled for submission in submissions(directory))
 
 
 @pytest.fixture

@@ -74,7 +74,7 @@ def show_dry_run(arguments: Sequence[str]) -> None:
 def _status(directory: Path) -> None:
     from sextant.lifecycle.sweep_status import sweep_status
 
-    states, controller = sweep_status(directory)
+    states, controller = sweep_status(directory, TERMINAL)
     counts = Counter(state.state for state in states)
     console.print(f"[bold]{directory.name}[/]: {', '.join(f'{n} {state}' for state, n in sorted(counts.items()))}")
     console.print(f"run by {controller}" if controller else "no process waits for it")

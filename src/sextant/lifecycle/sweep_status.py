@@ -8,6 +8,7 @@ from pathlib import Path
 from sextant.errors import UserError
 from sextant.lease import Holder
 from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, submissions
+from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_holder, sweep_holder
 from sextant.runs.sweep_directory import read_plan
@@ -29,25 +30,30 @@ class RunState:
     where: str = ""
 
 
-def sweep_status(directory: Path) -> tuple[list[RunState], Holder | None]:
+def sweep_status(directory: Path, reporter: Reporter = SILENT) -> tuple[list[RunState], Holder | None]:
     """The state of each run of a sweep, and the process that waits for it, if there is one.
 
     Args:
         directory: of the sweep.
+        reporter: hears that SLURM does not answer; what the run directories say is known nevertheless.
 
     Raises:
-        UserError: its files are damaged, or it was submitted to a SLURM that does not answer.
+        UserError: its files are damaged.
     """
     plan, outputs = read_plan(directory), directory.parents[1]
     messages = {cell.run: cell.message for cell in plan.cells}
-    queued = _queued(directory)
+    queued = _queued(directory, reporter)
     return [_state(outputs / run, message, queued) for run, message in messages.items()], sweep_holder(directory)
 
 
-def _queued(directory: Path) -> dict[str, str]:
+def _queued(directory: Path, reporter: Reporter) -> dict[str, str]:
     """The runs that are in SLURM's queue, and as which job."""
     ours = submissions(directory)
-    queue = read_queue() if ours else {}
+    try:
+        queue = read_queue() if ours else {}
+    except UserError as error:
+        reporter.say(f"{' '.join(error.problem.split())}; runs that wait in SLURM's queue are not shown as such")
+        queue = {}
     return {
         name: f"job {entry.job}: {entry.state.lower()}, {entry.where}"
         for submission in ours

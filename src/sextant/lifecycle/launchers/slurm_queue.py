@@ -80,7 +80,7 @@ def read_queue() -> Queue:
     """The tasks of this user that are in the queue.
 
     Raises:
-        UserError: the controller of SLURM does not answer.
+        UserError: this machine has no squeue, or the controller of SLURM does not answer.
     """
     text = _ask("squeue", "--noheader", "--array", f"--user={os.getuid()}", f"--Format={FIELDS}")
     queue: Queue = {}
@@ -100,11 +100,16 @@ def cancel(jobs: Sequence[str]) -> None:
 
 
 def cancel_all(folder: Path) -> int:
-    """End all that a sweep has in the queue; how many tasks there were."""
+    """End all that a sweep has in the queue; how many tasks there were.
+
+    Raises:
+        UserError: as :func:`read_queue`; nothing is noted then.
+    """
+    read_queue()
     ours = submissions(folder)
     for submission in ours:  # first, so that nobody who waits for them submits them again
         Submission(submission.path, submission.tasks, cancelled=True).write()
-    names, queue = {submission.name for submission in ours}, read_queue()
+    names, queue = {submission.name for submission in ours}, read_queue()  # with what was submitted until now
     jobs = [queued.job for (name, _), queued in queue.items() if name in names]
     cancel(jobs)
     return len(jobs)
@@ -127,7 +132,10 @@ def require_commands(launcher: SlurmLauncher) -> None:
 
 
 def _ask(*command: str) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise UserError(f"{command[0]}: {error.strerror}", "Do this on a host that has SLURM's commands.") from None
     if done.returncode:
         raise UserError(f"{command[0]}: {done.stderr.strip() or done.returncode}", "sinfo shows whether SLURM answers.")
     return done.stdout
