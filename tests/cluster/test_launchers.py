@@ -128,7 +128,7 @@ def test_what_is_cancelled_is_not_submitted_again_until_asked_for(expected, tmp_
     wait_for(tmp_path, "sweeps/*/slurm/*/*_submitted.pkl", lambda: waiting.poll() is not None)
     assert "tasks cancelled" in ask(tmp_path, "cancel", slurm)
     text, _ = waiting.communicate()
-    assert waiting.returncode == 1
+    assert waiting.returncode in (1, 130)  # it was interrupted, or saw first that its tasks were cancelled
     assert "cancelled" in text
     run(tmp_path, *SWEEP, "launcher=slurm", "launcher.cells_per_task=2", environment=slurm.environment)
     assert (found(tmp_path), tables(tmp_path)) == expected

@@ -1,10 +1,13 @@
 """Launchers without a cluster: what is refused, what would be submitted, and what becomes of tasks that vanish."""
 
+import os
 import re
+import signal
 import threading
 from pathlib import Path
 
 import pytest
+from made_up_search import MadeUpRuns, arguments, made_up_search
 from support import quick_config
 
 from sextant import cli
@@ -17,10 +20,12 @@ from sextant.lease import take
 from sextant.lifecycle import launchers
 from sextant.lifecycle.launchers import CellTask, launch, processes, require_launcher
 from sextant.lifecycle.launchers.slurm_queue import cancel_all, read_queue, submissions
-from sextant.lifecycle.run_reporter import SILENT_RUN
+from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
+from sextant.lifecycle.search.run import sweep_or_search
 from sextant.lifecycle.sweep import dry_run, run_sweep
-from sextant.lifecycle.sweep_status import sweep_status
+from sextant.lifecycle.sweep_status import cancel_sweep, sweep_status
 from sextant.runs.directory import RunDirectory
+from sextant.runs.locks import run_lock
 from sextant.runs.sweep_directory import find_sweep, read_plan
 
 SLURM = ("launcher=slurm", "launcher.lease_s=0.3", "tracking=none")
@@ -166,6 +171,57 @@ def test_what_waits_in_the_queue_is_not_submitted_again_and_what_is_cancelled_en
     assert [submission.tasks for submission in submissions(folder)] == [[[c.name] for c in both], [[both[0].name]]]
     assert cancel_all(folder) == 1
     assert (slurm / "cancelled").read_text() == "7_1\n"
+
+
+def test_whoever_waits_for_tasks_and_is_interrupted_says_what_became_of_them(tmp_path, slurm, monkeypatch):
+    (cell,), folder, said = cells(tmp_path, 1), tmp_path / "sweeps" / "one", []
+
+    class Listening(RunReporter):
+        def say(self, text):
+            said.append(text)
+
+    def interrupted(*_):
+        if said:
+            cancel_all(folder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sextant.lifecycle.launchers.slurm._Arrays.wait", interrupted)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            launch([cell], config(tmp_path, *SLURM), folder, Listening())
+    assert said == [
+        "the jobs go on; sextant sweep status, attach or cancel one",
+        "the jobs were cancelled; sextant sweep attach one",
+    ]
+
+
+def test_cancelling_a_sweep_of_slurm_that_is_run_here_by_now_ends_its_process(tmp_path, slurm, monkeypatch):
+    directory = run_sweep(["seed=0,1", *SLURM, "launcher.wait=false", f"paths.outputs={tmp_path}"]).directory
+    killed = []
+    monkeypatch.setattr(os, "kill", lambda *how: killed.append(how))
+    with run_lock(directory.parent, directory.name, wait=False):
+        assert re.match(r"0 tasks cancelled; process \d+ on .* was asked to end; ", cancel_sweep(directory))
+        assert killed == [(os.getpid(), signal.SIGINT)]
+        with monkeypatch.context() as patch:
+            patch.setattr("sextant.lease._place", lambda: "another host")
+            assert re.match("0 tasks cancelled; .*, which is not this host: if it does not", cancel_sweep(directory))
+        assert len(killed) == 1
+        monkeypatch.setenv("PATH", str(tmp_path))
+        with pytest.raises(UserError, match=r"process .* was asked to end; nothing was cancelled in SLURM's queue: sq"):
+            cancel_sweep(directory)
+        assert len(killed) == 2
+
+
+def test_a_search_that_is_cancelled_submits_nothing_more_and_the_same_command_goes_on(tmp_path, slurm):
+    marked = "find . -name tasks.json -exec sed -i s/false/true/ {} +"  # as sextant sweep cancel does
+    (slurm / "sbatch").write_text(f"#!/bin/sh\ncd {tmp_path}/cancelled\n{marked}\necho Submitted batch job 7\n")
+    words = arguments(tmp_path / "cancelled", *SLURM, trials=3)
+    with pytest.raises(UserError, match=r"^search-\w+ was cancelled\n.* sextant sweep attach search-\w+, goes on"):
+        sweep_or_search(words)
+    assert len(submissions(find_sweep("search", tmp_path / "cancelled"))) == 1
+    found = sweep_or_search(words, run_cells=MadeUpRuns())
+    whole = made_up_search(tmp_path / "whole", trials=3)
+    assert [(cell.run, cell.message) for cell in found.cells] == [(cell.run, "") for cell in whole.cells]
 
 
 NO_SQUEUE, NO_CONTROLLER = "squeue: No such file or directory", "squeue: no controller answers"

@@ -79,20 +79,31 @@ def _state(run: Path, message: str, queued: dict[str, str]) -> RunState:
 
 
 def cancel_sweep(directory: Path) -> str:
-    """End a sweep: what it has in SLURM's queue, or the process that runs it on this host, as Ctrl-C would.
+    """End a sweep: what it has in SLURM's queue, and the process that runs it on this host, as Ctrl-C would.
 
     Returns:
         What was ended.
 
     Raises:
-        UserError: nothing of it runs, or it runs on another host.
+        UserError: nothing of it runs, it runs on another host, or SLURM does not answer.
     """
+    said, silent = [], None
     if submissions(directory):
-        return f"{cancel_all(directory)} tasks cancelled; the same command, or sextant sweep attach, goes on"
+        try:
+            said.append(f"{cancel_all(directory)} tasks cancelled")
+        except UserError as error:  # it may be run here by now, without SLURM
+            silent = error
     holder = sweep_holder(directory)
-    if holder is None:
+    if holder is not None and holder.here:
+        os.kill(holder.process, signal.SIGINT)
+        said.append(f"{holder} was asked to end")
+    if silent is not None:
+        raise UserError("; ".join([*said, f"nothing was cancelled in SLURM's queue: {silent.problem}"]), silent.fix)
+    if holder is not None and not holder.here:
+        elsewhere = f"{directory.name} is run by {holder}, which is not this host"
+        if not said:
+            raise UserError(elsewhere, "End it there, with Ctrl-C.")
+        said.append(f"{elsewhere}: if it does not end by itself, end it there, with Ctrl-C")
+    if not said:
         raise UserError(f"{directory.name} does not run", "sextant sweep status tells how far it is.")
-    if not holder.here:
-        raise UserError(f"{directory.name} is run by {holder}, which is not this host", "End it there, with Ctrl-C.")
-    os.kill(holder.process, signal.SIGINT)
-    return f"{holder} was asked to end; the same command goes on"
+    return f"{'; '.join(said)}; the same command, or sextant sweep attach, goes on"

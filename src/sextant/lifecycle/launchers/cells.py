@@ -35,6 +35,9 @@ class CellTask:
         return f"{self.run.parent.name}/{self.run.name}"
 
 
+#: why a run failed that the user ended
+CANCELLED = "cancelled"
+
 Cells = Sequence[CellTask]
 Outcomes = list[dict[str, Any] | None]
 

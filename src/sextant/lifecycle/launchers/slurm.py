@@ -21,7 +21,7 @@ from sextant.atomic_files import read_json, write_json
 from sextant.config.schema.launchers import SlurmLauncher
 from sextant.errors import UserError
 from sextant.lease import Lease, look, take
-from sextant.lifecycle.launchers.cells import Cells, CellTask, Outcomes, failed, finished, run_words
+from sextant.lifecycle.launchers.cells import CANCELLED, Cells, CellTask, Outcomes, failed, finished, run_words
 from sextant.lifecycle.launchers.slurm_queue import AT_WORK, Queue, Submission, cancel, read_queue, submissions
 from sextant.lifecycle.run_reporter import RunReporter
 
@@ -82,7 +82,9 @@ def run_on_slurm(
     try:
         return array.wait(cells)
     except KeyboardInterrupt:
-        reporter.say(f"the jobs go on; sextant sweep status, attach or cancel {folder.name}")
+        cancelled = all(submission.cancelled for submission in submissions(folder))
+        tasks, verbs = ("were cancelled", "attach") if cancelled else ("go on", "status, attach or cancel")
+        reporter.say(f"the jobs {tasks}; sextant sweep {verbs} {folder.name}")
         raise
 
 
@@ -188,7 +190,7 @@ class _Arrays:
         for cell in cells:
             submission, number = known.place[cell.name]
             if submission.cancelled:
-                given_up[cell.run] = failed(cell.run, "cancelled")
+                given_up[cell.run] = failed(cell.run, CANCELLED)
             elif self._is_lost(cell, queue, submission, number):
                 if self.attempts[cell.run] < self.launcher.attempts:
                     self.reporter.say(f"{cell.name} vanished from the queue, or its node did; it is submitted again")

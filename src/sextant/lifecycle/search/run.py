@@ -19,6 +19,7 @@ from sextant.evaluation.racing import every, halving, racing, seeds_run
 from sextant.lifecycle.checks import require_environment
 from sextant.lifecycle.execute import fill_if_behind
 from sextant.lifecycle.launchers import launch, require_launcher
+from sextant.lifecycle.launchers.cells import CANCELLED, Cells, Outcomes
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.lifecycle.search.design import SearchDesign, read_search
 from sextant.lifecycle.search.table import Table, Trial, arm_of
@@ -169,9 +170,17 @@ class _Search:
         missing = missing_cells([replace(entry, finished=False) for entry in batch], self.outputs)
         self.started |= {entry.cell.run for entry in batch}
         self.plan, _ = run_missing(
-            self.plan, missing, self.config, self.outputs, self.run_cells, self.reporter, last=False
+            self.plan, missing, self.config, self.outputs, self._run_cells, self.reporter, last=False
         )
         self.table.failed |= {cell.run: cell.message for cell in self.plan.cells if cell.message}
+
+    def _run_cells(self, cells: Cells) -> Outcomes:
+        """Run cells, unless the user ends the search meanwhile: that is no result, nor a reason to try others."""
+        outcomes = self.run_cells(cells)
+        if any(how is not None and how["message"] == CANCELLED for how in outcomes):
+            name = self.plan.directory(self.outputs).name
+            raise UserError(f"{name} was cancelled", f"The same command, or sextant sweep attach {name}, goes on.")
+        return outcomes
 
     def _tell_settled(self) -> None:
         """Tell the storage of trials that get no further seed."""
