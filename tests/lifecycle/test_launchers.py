@@ -12,6 +12,7 @@ from support import quick_config
 
 from sextant import cli
 from sextant.atomic_files import write_json
+from sextant.cli.sweep import run_sweep as run_and_tell
 from sextant.composing.compose import compose, to_plain
 from sextant.composing.config_files import own_configs
 from sextant.config import digest, validate
@@ -353,6 +354,22 @@ def test_attaching_knows_the_folder_of_ones_own_config_files(tmp_path, monkeypat
     assert len(planned[0]) == 2
 
 
+def test_a_run_that_finished_where_its_results_are_not_seen_from_here_says_so(tmp_path, capsys):
+    def elsewhere(jobs):
+        finish(jobs[0].run)
+        return [{"status": "finished", "message": ""}] * 2
+
+    with pytest.raises(SystemExit):
+        run_and_tell(["seed=0,1", "tracking=none", f"paths.outputs={tmp_path}"], run_cells=elsewhere)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "2 planned, 1 finished, 0 diverged, 1 failed" in said
+    assert "seed 1: it finished, but its results are not here: do all hosts share" in said
+    assert [(state.state, state.where[:11]) for state in sweep_status(find_sweep("sweep", tmp_path))[0]] == [
+        ("finished", ""),
+        ("failed", "it finished"),
+    ]
+
+
 def test_the_status_of_a_sweep_says_what_each_run_is_at(tmp_path):
     given = ["seed=0,1,2,3", "tracking=none", f"paths.outputs={tmp_path}"]
 
@@ -367,7 +384,7 @@ def test_the_status_of_a_sweep_says_what_each_run_is_at(tmp_path):
         assert states[2].where.startswith("process ")
         assert controller.here
         lease.release()
-        return [{"status": "finished", "message": ""}] * 4
+        return [{"status": "finished", "message": ""}, None, None, None]
 
     run_sweep(given, run_cells=run_cells)
     states, controller = sweep_status(find_sweep("sweep", tmp_path))

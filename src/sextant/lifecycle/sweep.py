@@ -2,11 +2,11 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sextant.config import Config
 from sextant.config.schema.launchers import SlurmLauncher
@@ -177,7 +177,7 @@ def run_missing(
             parent.status("KILLED" if killed else "FAILED", plan.ended)
         raise
     ended = {cell.run.relative_to(outputs).as_posix(): how for cell, how in zip(missing, outcomes, strict=True)}
-    failed = {run: how["message"] for run, how in ended.items() if how is not None and how["status"] == "failed"}
+    failed = {run: why for run, how in ended.items() if how is not None and (why := _why_failed(how, outputs / run))}
     if missing:
         plan = replace(plan, cells=[replace(c, message=failed.get(c.run, "")) for c in plan.cells])
     left = {run for run, how in ended.items() if how is None}
@@ -193,6 +193,15 @@ def run_missing(
         if parent is not None:
             parent.status("FAILED" if any(cell.message for cell in plan.cells) else "FINISHED", plan.ended)
     return plan, left
+
+
+def _why_failed(how: Mapping[str, Any], run: Path) -> str:
+    """Why there are no results of a run, by its outcome and what is seen of its directory here; empty if there are."""
+    if how["status"] == "failed":
+        return str(how["message"])
+    if RunDirectory(run).results() is not None:
+        return ""
+    return f"it {how['status']}, but its results are not here: do all hosts share {run.parents[2]}?"
 
 
 def _ended(plan: SweepPlan, outputs: Path, when: float | None = None) -> SweepPlan:
