@@ -52,6 +52,16 @@ def slurm(tmp_path, monkeypatch):
     return folder
 
 
+class Listening(RunReporter):
+    """Keeps the remarks that it hears."""
+
+    def __init__(self):
+        self.heard = []
+
+    def say(self, text):
+        self.heard.append(text)
+
+
 def config(tmp_path, *overrides):
     return validate(quick_config(tmp_path, *overrides))
 
@@ -175,22 +185,18 @@ def test_what_waits_in_the_queue_is_not_submitted_again_and_what_is_cancelled_en
 
 
 def test_whoever_waits_for_tasks_and_is_interrupted_says_what_became_of_them(tmp_path, slurm, monkeypatch):
-    (cell,), folder, said = cells(tmp_path, 1), tmp_path / "sweeps" / "one", []
-
-    class Listening(RunReporter):
-        def say(self, text):
-            said.append(text)
+    (cell,), folder, listening = cells(tmp_path, 1), tmp_path / "sweeps" / "one", Listening()
 
     def interrupted(*_):
-        if said:
+        if listening.heard:
             cancel_all(folder)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("sextant.lifecycle.launchers.slurm._Arrays.wait", interrupted)
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            launch([cell], config(tmp_path, *SLURM), folder, Listening())
-    assert said == [
+            launch([cell], config(tmp_path, *SLURM), folder, listening)
+    assert listening.heard == [
         "the jobs go on; sextant sweep status, attach or cancel one",
         "the jobs were cancelled; sextant sweep attach one",
     ]
@@ -223,6 +229,14 @@ def test_a_search_that_is_cancelled_submits_nothing_more_and_the_same_command_go
     found = sweep_or_search(words, run_cells=MadeUpRuns())
     whole = made_up_search(tmp_path / "whole", trials=3)
     assert [(cell.run, cell.message) for cell in found.cells] == [(cell.run, "") for cell in whole.cells]
+
+
+@pytest.mark.parametrize("wait", [True, False])
+def test_a_search_that_is_not_to_wait_says_that_it_does(tmp_path, slurm, wait):
+    listening = Listening()
+    words = arguments(tmp_path, *SLURM, f"launcher.wait={wait}", trials=1)
+    sweep_or_search(words, listening, run_cells=MadeUpRuns())
+    assert any(remark.startswith("launcher.wait=false: a search has to wait") for remark in listening.heard) != wait
 
 
 NO_SQUEUE, NO_CONTROLLER = "squeue: No such file or directory", "squeue: no controller answers"

@@ -75,7 +75,8 @@ def run_search(
     """
     from sextant.lifecycle.search.study import Study
 
-    if isinstance(config.launcher, SlurmLauncher):  # what is tried next depends on what was found
+    if isinstance(config.launcher, SlurmLauncher) and not config.launcher.wait:
+        reporter.say("launcher.wait=false: a search has to wait, as what it tries next depends on what it found")
         config = config.model_copy(update={"launcher": config.launcher.model_copy(update={"wait": True})})
     require_environment(config, reporter)
     require_launcher(config)
