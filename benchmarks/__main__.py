@@ -10,7 +10,7 @@ from benchmarks.machine import describe_machine
 
 NAMES = (
     *("start_up", "training_loop", "skip_cell", "sweep_size", "launchers", "worlds", "crops", "photos"),
-    *("push_pull", "corruptions", "retrieval", "describe", "cosfire"),
+    *("push_pull", "precisions", "corruptions", "retrieval", "describe", "cosfire"),
     *("local_gp", "particle_filter", "localization"),
 )
 
