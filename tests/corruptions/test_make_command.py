@@ -11,6 +11,7 @@ import pytest
 from filelock import FileLock
 from support import heeds_signals
 
+from sextant.atomic_files import read_json
 from sextant.cli import corruptions_make
 from sextant.corruptions import making
 
@@ -158,11 +159,39 @@ def test_a_full_disk_is_told_before_and_during_the_work(make, monkeypatch):
     assert (status, "the disk is full" in said, "resumes" in said) == (2, True, True)
 
 
-def test_two_processes_do_not_write_to_one_folder(make, tmp_path):
+def test_two_processes_do_not_write_one_file_but_others_in_its_folder(make, tmp_path):
     (tmp_path / "out").mkdir()
-    with FileLock(tmp_path / "out" / ".lock"):
+    half_written = tmp_path / "out" / ".fog.npy.1.tmp"
+    half_written.touch()
+    with FileLock(tmp_path / "out" / ".fog.lock"):
         status, said = make()
-    assert (status, "another process" in said) == (2, True)
+        assert (status, "another process" in said) == (2, True)
+        assert make("names=contrast")[0] == 0
+        assert half_written.exists()
+    assert make()[0] == 0
+    assert not half_written.exists()
+
+
+def test_a_set_is_made_in_parts_to_the_same_files(make, tmp_path):
+    names = ("fog", "contrast", "pixelate")
+    whole, parts = (f"names={','.join(names)}", f"output={tmp_path / 'parts'}"), ["shards=2", "shard=0"]
+    assert make(whole[0])[0] == 0
+    assert make(*whole, *parts)[0] == 0
+    status, said = make(*whole, "shards=2")
+    assert (status, "lacks what these are to make: shard=1 (contrast.npy)" in said) == (2, True)
+    assert make(*whole, "shards=2", "shard=1")[0] == 0
+    assert make(*whole, "shards=2")[0] == 0
+    for name in names:
+        assert (tmp_path / "parts" / f"{name}.npy").read_bytes() == (tmp_path / "out" / f"{name}.npy").read_bytes()
+    assert read_json(tmp_path / "parts" / "corruptions.json") == read_json(tmp_path / "out" / "corruptions.json")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"), [(["shards=2", "shard=2"], "numbered from 0 to 1"), (["shard=0"], "shards= is missing")]
+)
+def test_a_part_is_one_of_so_many(make, given, said):
+    status, told = make(*given)
+    assert (status, said in told) == (2, True)
 
 
 def test_an_interrupted_process_resumes_to_the_same_files(make, tmp_path):

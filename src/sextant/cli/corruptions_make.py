@@ -5,16 +5,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sextant.cli.arguments import SPLIT, Options, UserPath
+from sextant.cli.arguments import SPLIT, UserPath
 from sextant.cli.console import console, key_value_table, reporting_mistakes
+from sextant.cli.data_describe import Sharded
 from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
 
-USAGE = "python -m sextant.corruptions make set=cifar10_c input=cifar10 output=CIFAR-10-C [names=fog,snow] [seed=0]"
+USAGE = "python -m sextant.corruptions make set=cifar10_c input=cifar10 output=CIFAR-10-C [shards=3 [shard=0]]"
 Mode = Literal["faithful", "corrected"]
 
 
-class MakeOptions(Options):
+class MakeOptions(Sharded):
     """What the user chose."""
 
     benchmark: str = Field(alias="set")
@@ -71,6 +72,8 @@ def main(arguments: Sequence[str]) -> None:
             mode=options.mode,
             labels=options.labels,
             device=options.device,
+            shards=options.shards or 1,
+            shard=options.shard,
             reporter=TERMINAL,
         )
     except KeyboardInterrupt:

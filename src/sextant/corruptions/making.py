@@ -153,8 +153,9 @@ def begin(folder: Path, recipe: Recipe, corruptions: Corruptions) -> None:
             "Choose another folder with output=, or delete this one.",
         )
     write_json(folder / RECORD, {"recipe": asdict(recipe), "severities": levels})
-    for path in folder.glob(".*.npy.*.tmp"):
-        path.unlink(missing_ok=True)
+    for name in corruptions:  # others may be in the making elsewhere
+        for path in folder.glob(f".{name}.npy.*.tmp"):
+            path.unlink(missing_ok=True)
 
 
 def write_labels(folder: Path, labels: NDArray[Any], repeats: int) -> None:

@@ -4,6 +4,7 @@ import errno
 import shutil
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,8 @@ def make_corruptions(
     mode: Mode = "faithful",
     labels: str | None = None,
     device: str = "cpu",
+    shards: int = 1,
+    shard: int | None = None,
     reporter: Reporter = SILENT,
 ) -> MadeCorruptions:
     """Write a file for each corruption of a benchmark set; those that are there and whole are kept.
@@ -69,22 +72,36 @@ def make_corruptions(
         mode: faithful to the authors' code, or corrected.
         labels: a ``.npy`` file of n labels to write beside the images; those of the dataset unless given.
         device: where to compute.
+        shards: processes that share the work, each with its ``shard``.
+        shard: number of this process, from 0; None for all the work, or to see that what ``shards`` made is there.
         reporter: listens.
 
     Raises:
-        UserError: an argument is wrong, the input cannot be read, or the output cannot be written.
+        UserError: an argument is wrong, the input cannot be read, the output cannot be written, or a shard's files are
+            not there.
         KeyboardInterrupt: corruptions that are done are kept, and the same call resumes.
     """
     _check_device(device)
     chosen = benchmark_set(benchmark).build(list(names) or None, list(severities) or None, mode)
+    if shard is not None and shard >= shards:
+        raise UserError(f"shard={shard} of {shards}: they are numbered from 0 to {shards - 1}")
     found, found_labels = read_input(images, labels)
+    if shards > 1 and shard is None:
+        _require_all(output, chosen, found, shards)
+    own = {name: each for i, (name, each) in enumerate(chosen.items()) if shard is None or i % shards == shard}
     try:
         output.mkdir(parents=True, exist_ok=True)
-        with FileLock(output / ".lock", timeout=0):
-            recipe = making.Recipe(benchmark, mode, seed, making.images_digest(found), __version__)
-            return _make(output, recipe, chosen, found, found_labels, device, reporter)
+        recipe = making.Recipe(benchmark, mode, seed, making.images_digest(found), __version__)
+        with ExitStack() as locks:
+            for name in own:
+                locks.enter_context(FileLock(output / f".{name}.lock", timeout=0))
+            with FileLock(output / ".lock", timeout=10):  # the record, which all shards write
+                making.begin(output, recipe, own)
+            return _make(output, recipe, own, found, found_labels, device, reporter)
     except Timeout:
-        raise UserError(f"another process is writing to {output}", "Wait for it, or choose another output=") from None
+        raise UserError(
+            f"another process is writing these corruptions to {output}", "Wait for it, or choose another output="
+        ) from None
     except OSError as error:
         raise _disk_error(output, error) from None
 
@@ -98,7 +115,6 @@ def _make(
     device: str,
     reporter: Reporter,
 ) -> MadeCorruptions:
-    making.begin(folder, recipe, chosen)
     remaining, began = making.missing(folder, chosen, images), time.monotonic()
     if (needed := sum(remaining.values())) > (free := shutil.disk_usage(folder).free):
         raise UserError(
@@ -122,6 +138,14 @@ def _make(
         reporter.say("frost has textures drawn here: errors under it do not compare with published ones")
     kept = len(chosen) - len(remaining)
     return MadeCorruptions(images.shape, len(remaining), kept, time.monotonic() - began)
+
+
+def _require_all(folder: Path, chosen: making.Corruptions, images: UInt8[ndarray, "n ..."], shards: int) -> None:
+    remaining = making.missing(folder, chosen, images)
+    lacking = {i % shards: name for i, name in enumerate(chosen) if name in remaining}
+    if lacking:
+        told = ", ".join(f"shard={shard} ({name}.npy)" for shard, name in sorted(lacking.items()))
+        raise UserError(f"{folder} lacks what these are to make: {told}", "Run them again: each makes what is missing.")
 
 
 def _write_labels(folder: Path, chosen: making.Corruptions, labels: ndarray, reporter: Reporter) -> None:
