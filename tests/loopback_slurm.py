@@ -92,6 +92,16 @@ class Slurm:
     def start_controller(self):
         self._start("slurmctld", ["slurmctld", "-D"])
 
+    def restart_controller(self):
+        """Kill the controller as if its host had crashed, start it again, and wait until it answers."""
+        self.kill("slurmctld")
+        self.start_controller()
+        deadline = time.monotonic() + 60
+        while not self.states():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"slurmctld does not answer; see {self.folder}/*.log")
+            time.sleep(0.2)
+
     def start_node(self, node):
         """Start a node's daemon among processes of its own, so that it knows nothing of those of other nodes."""
         own = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc"] if _may_unshare() else []

@@ -246,7 +246,8 @@ def test_a_condition_without_a_readable_image(folder, told):
         ),
         (["dataset.folder=/nowhere"], "dataset.folder: no such folder. Looked for"),
         (["dataset.folder=null"], "dataset.folder=None: must be"),
-        (["dataset.places=gps"], "dataset.places='gps': must be 'csv', 'utm', 'order' or 'name'"),
+        (["dataset.places=imu"], "dataset.places='imu': must be 'csv', 'utm', 'gps', 'order' or 'name'"),
+        (["dataset.places=gps"], "dataset.train: 12 of 12 images have no GPS position in EXIF"),
     ],
 )
 def test_choices_with_mistakes(told, overrides, expected):

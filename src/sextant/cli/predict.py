@@ -59,10 +59,10 @@ class SharedOptions(Options):
     """true: build parts of the user's own that the checkpoint names"""
 
 
-KEYS = {
-    **SharedOptions.meanings(),
-    **{key: f"{each.topic}: {text}" for each in HANDLERS.values() for key, text in each.keys.items()},
-}
+KEYS = SharedOptions.meanings()
+for _each in dict.fromkeys(HANDLERS.values()):  # some keys are of two tasks
+    for _key, _text in _each.keys.items():
+        KEYS[_key] = "; ".join([*filter(None, [KEYS.get(_key)]), f"{_each.topic}: {_text}"])
 USAGE = "\n".join(dict.fromkeys(each.usage for each in HANDLERS.values()))
 
 
@@ -103,5 +103,5 @@ def _refuse_others(given: Mapping[str, str], handler: Handler, trained: str = ""
             continue
         if handler.named_by and not trained:
             raise UserError(f"{key}= does not go with {handler.named_by}", handler.usage)
-        owner = next(each.task for each in HANDLERS.values() if key in each.keys)
+        owner = " and ".join(dict.fromkeys(each.task for each in HANDLERS.values() if key in each.keys))
         raise UserError(f"{key}= belongs to {owner}; this is a model of {trained or handler.task}", handler.usage)

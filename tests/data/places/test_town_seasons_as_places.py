@@ -85,7 +85,7 @@ def test_configs_are_valid(overrides):
 @pytest.mark.parametrize(
     "overrides",
     [["dataset=nordland", "dataset.frames.test=[1650]"], ["dataset=nordland", "dataset.channels=2"],
-     ["dataset=place_folders", "dataset.folder=mine", "dataset.places=gps"]],
+     ["dataset=place_folders", "dataset.folder=mine", "dataset.places=imu"]],
 )  # fmt: skip
 def test_configs_with_mistakes_are_refused(overrides):
     with pytest.raises(UserError):
