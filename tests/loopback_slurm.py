@@ -93,8 +93,13 @@ class Slurm:
         self._start("slurmctld", ["slurmctld", "-D"])
 
     def restart_controller(self):
-        """Kill the controller as if its host had crashed, start it again, and wait until it answers."""
-        self.kill("slurmctld")
+        """End the controller, which saves its state, start it again, and wait until it answers.
+
+        One that is killed forgets the last seconds, and holds what it started in them until an administrator comes.
+        """
+        controller = self.processes.pop("slurmctld")
+        controller.terminate()
+        controller.wait()
         self.start_controller()
         deadline = time.monotonic() + 60
         while not self.states():

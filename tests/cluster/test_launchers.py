@@ -134,8 +134,8 @@ def test_what_is_cancelled_is_not_submitted_again_until_asked_for(expected, tmp_
     assert (found(tmp_path), tables(tmp_path)) == expected
 
 
-def test_ten_preemptions_a_dead_node_and_dead_controllers_change_nothing(tmp_path, slurm):
-    """The process that waits dies twice, and so does SLURM's own controller."""
+def test_ten_preemptions_a_dead_node_and_two_dead_controllers_change_nothing(tmp_path, slurm):
+    """The process that waits is killed twice, and SLURM's own controller is started anew twice."""
     sweep = [*QUICK, "tracking=none", "inhibition=none,push_pull", "seed=0,1,2", "trainer.max_epochs=40"]
     whole, outputs = tmp_path / "whole", tmp_path / "killed"
     run(whole, *sweep, "launcher=joblib", "launcher.workers=2")
