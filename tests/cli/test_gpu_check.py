@@ -19,7 +19,8 @@ def test_three():
 
 
 @pytest.mark.slow
-def test_what_has_run_is_known_when_time_is_up(tmp_path):
+def test_what_has_run_is_known_when_time_is_up(tmp_path, monkeypatch):
+    monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)  # the tests below are not those of a worker of this suite
     (tmp_path / "test_some.py").write_text(TESTS)
     (tmp_path / "pytest.ini").write_text("[pytest]")
     tests = gpu_check.run_tests(str(tmp_path / "test_some.py"))
