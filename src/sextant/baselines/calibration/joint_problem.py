@@ -60,8 +60,8 @@ class Mode:
 def _trust(explained: float) -> float:
     """How much the segments of a photo count, by the share of their length that some frame explains: its root.
 
-    Of five curves, this one has the least errors over all photos of ``benchmarks.joint_intervals``. It is steep where
-    nothing is explained, so that a photo of a hedge leaves its camera to the network.
+    Of six curves, this one has the least errors over the photos of ``benchmarks.joint_intervals``, whichever set of
+    them is left out. It is steep where nothing is explained: a photo of a hedge leaves its camera to the network.
     """
     return min(max(math.sqrt(max(explained, 0.0) / FRAME), LEAST), 1.0)
 

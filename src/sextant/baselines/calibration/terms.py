@@ -156,9 +156,9 @@ class PhotoPrior(Term):
     """What people's cameras are before the photo is seen: held about level, of common lenses, mostly undistorted.
 
     Chosen by hand to be wide: lenses of 16 to 65 mm (35-mm equivalent) are within two standard deviations, and beyond
-    the tails are Student's. The median, 32 mm, lies between those of phones (27 to 30) and of cameras (35 to 38); of
-    31, 32 and 34 mm it has the least errors on the photos of ``benchmarks.joint_intervals`` together. Distortion is a
-    mixture of a maker's or program's undistorted picture and of a lens that was left as it is.
+    the tails are Student's. The median, 32 mm, lies between those of phones (27 to 30) and of cameras (35 to 38): 31 mm
+    has smaller errors on the photos of ``benchmarks.joint_intervals`` together, but larger ones without its phones.
+    Distortion is a mixture of a maker's or program's undistorted picture and of a lens that was left as it is.
 
     Attributes:
         longer: longer side of the photo, image heights: focal lengths and distortion are compared in longer sides.
