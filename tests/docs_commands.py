@@ -20,6 +20,7 @@ from sextant.cli import (
     report,
     train,
     trajectory,
+    walk,
 )
 from sextant.cli.arguments import parse_arguments
 from sextant.cli.cosfire_detection.options import DetectionOptions
@@ -204,6 +205,10 @@ def _inspect(command: Command, words: list[str]) -> None:
     inspect.InspectOptions.parse([f"input={words[0]}", *words[1:]], command.text)
 
 
+def _walk(command: Command, words: list[str]) -> None:
+    walk.WalkOptions.parse(words, command.text)
+
+
 def _dashboard(command: Command, words: list[str]) -> None:
     parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
@@ -226,6 +231,7 @@ VERBS = {
     "trajectory": _trajectory,
     "benchmark": _benchmark,
     "inspect": _inspect,
+    "walk": _walk,
     "dashboard": _dashboard,
 }
 

@@ -5,6 +5,8 @@ from contextlib import AbstractContextManager, nullcontext
 
 #: called with how much is done, and with all there is
 Advance = Callable[[int, int], None]
+#: given what is done and the unit of what is counted, a context whose value is an :data:`Advance`
+Progress = Callable[[str, str], AbstractContextManager[Advance]]
 
 
 class Reporter:

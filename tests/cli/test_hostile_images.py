@@ -48,7 +48,7 @@ def nothing_is_drawn():
         for name in ("cosfire_filter", "cosfire_responses"):
             patch.setattr(f"sextant.cli.cosfire_detection.predict.{name}", lambda *_, **__: None)
         patch.setattr("sextant.cli.place_matching.predict.write_gallery", lambda *_: [])
-        patch.setattr("sextant.cli.localizing.predict.draw_trajectory", lambda *_: None)
+        patch.setattr("sextant.applications.localization.localized_drive.draw_trajectory", lambda *_: None)
         patch.setattr("sextant.cli.localizing.predict.Localizer", SimpleNamespace(load=lambda *_, **__: Nowhere()))
         patch.setattr(classifying, "draw", lambda *_: None)
         patch.setattr(predict_handler, "resolve_run", lambda reference, outputs: FoundRun(Path("last.ckpt"), None))

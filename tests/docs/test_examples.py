@@ -24,6 +24,7 @@ BLOCKS = [
 #: what an example holds that is not run, and why
 NOT_RUN = {
     "TiledMapBuilder(folder)": "streams a map of its own; smaller in tests/localization",
+    "localize_walk(": "needs a walk and a map; tests/applications/walks",
     "load_store(": "needs a town, which takes minutes to render; smaller in tests/data/rendered",
     "town.renderer(look)": "renders for half a minute; smaller in tests/worlds",
 }

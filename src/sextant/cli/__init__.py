@@ -14,6 +14,7 @@ VERBS = {
     "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
     "predict": ("sextant.cli.predict", "classify images, calibrate photos, find places, or detect an example"),
     "inspect": ("sextant.cli.inspect", "look at your own photos, video or poses: what fits them, with the commands"),
+    "walk": ("sextant.cli.walk", "localize images of an unknown camera in a map of another season"),
     "benchmark": ("sextant.cli.benchmark", "measure calibration on photos of known cameras, in one table"),
     "sweep": ("sextant.cli.sweep", "status of a sweep that runs elsewhere; attach to it, or cancel it"),
     "report": ("sextant.cli.report", "tables, contrasts and figures of a sweep"),

@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from sextant.cli.arguments import SPLIT, Options, UserPath
 from sextant.cli.console import console
+from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
 
 USAGE = "sextant data gallery [folder=gallery] [samples=16] [sections=streets,office]"
@@ -41,13 +40,12 @@ def gallery(arguments: Sequence[str]) -> None:
     for name in sections:
         if name not in SECTIONS:
             raise UserError(f"sections={name}: there is no such section", f"Choose among {', '.join(SECTIONS)}.")
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("gallery", total=len(sections))
+    with work_progress("gallery", "sections") as progress:
+        progress(0, len(sections))
+        for number, name in enumerate(sections, start=1):
+            render_gallery(options.folder, options.samples, [name], _written)
+            progress(number, len(sections))
 
-        def done(paths: list[Path]) -> None:
-            progress.advance(task)
-            for path in paths:
-                progress.console.print(escape(str(path)))
 
-        render_gallery(options.folder, options.samples, sections, done)
+def _written(paths: list[Path]) -> None:
+    console.print("\n".join(map(str, paths)), markup=False, soft_wrap=True)

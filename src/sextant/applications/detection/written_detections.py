@@ -1,9 +1,11 @@
 """The files of all images together: a table of detections, and everything."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from sextant.applications.detection.detector import ExampleDetector
 from sextant.applications.write_errors import telling_write_errors
 from sextant.atomic_files import write_csv, write_json
 
@@ -27,6 +29,26 @@ def write_detections(rows: Sequence[Mapping[str, Any]], facts: Mapping[str, Any]
         lines = list(_lines(rows))
         moves = MOVE_COLUMNS if any("scale" in line for line in lines) else ()
         write_csv(output / "detections.csv", [*COLUMNS, *moves, "error"], lines)
+
+
+def filter_facts(detector: ExampleDetector, source: Mapping[str, Any]) -> dict[str, Any]:
+    """The filter of a detector with one example as plain values.
+
+    Args:
+        detector: with its example.
+        source: what the filter looks through: a preset, or a run and its layer.
+    """
+    (example,) = detector.examples
+    scale = example.image.scale
+    return {
+        **source,
+        "x": round((example.point[0] + 0.5) / scale - 0.5, 2),
+        "y": round((example.point[1] + 0.5) / scale - 0.5, 2),
+        "parts": example.parts,
+        "own_response": example.own,
+        "tolerance": asdict(detector.filters.tolerance),
+        "prototype_scale": scale,
+    }
 
 
 def _lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -62,8 +62,8 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
             continue
         base = Path(os.path.commonpath(found))
         folders = sorted(found, key=lambda each: not _below(each, base).lower().startswith(MAPS))
-        axes = _axes(found[folders[0]])
-        if axes is None:
+        ground = axes(found[folders[0]])
+        if ground is None:
             yield Suggestion(
                 "localize in a map of your own",
                 f"in {found[folders[0]].file.as_posix()} no two axes of the world are the ground: align them to it "
@@ -76,7 +76,7 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
             "task=localization", "dataset=pose_folder", f"dataset.folder={override(seen.folder / base)}",
             f"dataset.map={override(folders[0].relative_to(base))}", f"dataset.test={overrides_of(tests)}",
             f"dataset.poses={form}", *([] if FILES.get(form) == file else [f"dataset.pose_file={override(file)}"]),
-            *(f"dataset.{key}={value}" for key, value in axes.items()),
+            *(f"dataset.{key}={value}" for key, value in ground.items()),
         ]  # fmt: skip
         why = f"{len(folders)} drives with poses ({form}), {folders[0].as_posix()} as the map"
         if form in ("colmap", "opensfm", "nerfstudio"):
@@ -97,7 +97,7 @@ def _below(folder: Path, base: Path) -> str:
     return folder.relative_to(base).as_posix()
 
 
-def _axes(found: FoundPoses) -> dict[str, str] | None:
+def axes(found: FoundPoses) -> dict[str, str] | None:
     """The plane that is moved in and the axis that looks ahead, as far as they are not the defaults.
 
     The plane's normal is the axis of the world that the body's upright one is nearest to.

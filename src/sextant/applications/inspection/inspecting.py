@@ -1,8 +1,6 @@
 """What a user's own folder or video holds, and what can be done with it."""
 
 from collections import Counter
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +15,7 @@ from sextant.applications.inspection.suggestions import suggestions
 from sextant.applications.inspection.times import folders_of_photos
 from sextant.applications.inspection.videos import FoundVideo, found_video
 from sextant.errors import ArgumentError
-from sextant.reporter import SILENT, Advance
-
-Progress = Callable[[str, str], AbstractContextManager[Advance]]
+from sextant.reporter import SILENT, Progress
 
 
 @dataclass(frozen=True, eq=False)

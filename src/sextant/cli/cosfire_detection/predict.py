@@ -1,7 +1,6 @@
 """From one example and a folder of images to files of detections."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from sextant.applications.detection.detector import Detection, ExampleDetector
 from sextant.applications.detection.images import UprightImage, read_image
 from sextant.applications.detection.network import TrainedFeatures
 from sextant.applications.detection.options import PHOTO
-from sextant.applications.detection.written_detections import write_detections
+from sextant.applications.detection.written_detections import filter_facts, write_detections
 from sextant.applications.write_errors import telling_write_errors
 from sextant.cli.cosfire_detection.inputs import DetectionInputs
 from sextant.cli.cosfire_detection.telling import tell
@@ -43,14 +42,8 @@ def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None 
         UserError: no filter can be made of the example, not one image could be used, or the disk is full.
     """
     options, output = inputs.options, inputs.output
-    detector = ExampleDetector(
-        network,
-        preset=options.preset,
-        rotations=options.rotations,
-        scales=options.scales,
-        reflection=options.reflection,
-        longest=options.longest,
-    ).add(inputs.prototype, options.point)
+    chosen = options.model_dump(include={"preset", "rotations", "scales", "reflection", "longest"})
+    detector = ExampleDetector(network, **chosen).add(inputs.prototype, options.point)
     detector.threshold = options.threshold or detector.threshold
     (example,) = detector.examples
     with telling_write_errors(output):
@@ -84,13 +77,10 @@ def predict_detections(inputs: DetectionInputs, network: TrainedFeatures | None 
                     "overlay": f"{stem}_overlay.png",
                 }
             )
-    facts: dict[str, Any] = {
+    facts = options.model_dump(include={"min_distance", "max_detections", "longest"}) | {
         "prototype": str(inputs.prototype),
-        "filter": _filter_facts(detector, {"preset": options.preset or PHOTO} if network is None else network.facts),
+        "filter": filter_facts(detector, {"preset": options.preset or PHOTO} if network is None else network.facts),
         "threshold": detector.threshold,
-        "min_distance": options.min_distance,
-        "max_detections": options.max_detections,
-        "longest": options.longest,
     }
     write_detections(rows, facts, output)
     skipped = skipped_of(rows, f"none of {len(rows):,} images could be used")
@@ -106,20 +96,6 @@ def _draw(
     with telling_write_errors(output):
         drawn = cosfire_responses(image.picture, response, points, strongest=1.0, title=Path(image.name).name)
         save_figure(drawn, output, name)
-
-
-def _filter_facts(detector: ExampleDetector, source: Mapping[str, Any]) -> dict[str, Any]:
-    (example,) = detector.examples
-    scale = example.image.scale
-    return {
-        **source,
-        "x": round((example.point[0] + 0.5) / scale - 0.5, 2),
-        "y": round((example.point[1] + 0.5) / scale - 0.5, 2),
-        "parts": example.parts,
-        "own_response": example.own,
-        "tolerance": asdict(detector.filters.tolerance),
-        "prototype_scale": scale,
-    }
 
 
 def _remarks(

@@ -11,26 +11,21 @@ from sextant.errors import UserError
 OUTPUT = "localization"
 
 
-class LocalizingOptions(Options):
-    """What the user chose."""
+class DriveOptions(Options):
+    """What the user may choose of any drive that is localized."""
 
     odometry: UserPath | None = None
     """TUM trajectory, or table x,y,theta (m, rad) with a row an image; without it motion is unknown"""
     particles: int | None = Field(None, ge=1, examples=[1000])
-    """how many; as many as in the run's test unless given"""
+    """how many; as many as the map was tested with unless given"""
     start: Literal["uniform", "appearance"] = Field("uniform", examples=["appearance"])
     """where they begin: uniform over the map (default), or appearance: where the first image is found"""
     seed: int = Field(0, ge=0, examples=[1])
     """of all random numbers; 0 unless given"""
     every: int = Field(1, ge=1, examples=[10])
     """of a video or a ROS bag, every so many images; 1 unless given"""
-    image_topic: str | None = Field(None, examples=["/camera/image_raw"])
-    """of a ROS bag: its images; the only topic of images unless given"""
-    odometry_topic: str | None = Field(None, examples=["/odom"])
-    """of a ROS bag: its odometry; the only topic of odometry unless given"""
     replay: Literal["mp4", "gif", "none"] = Field("mp4", examples=["gif"])
     """animation of the particles: mp4 (default), gif or none"""
-
     smooth: bool = Field(False, examples=["true"])
     """also write smoothed.tum: each pose by all images of the drive, also those that came later"""
 
@@ -40,3 +35,12 @@ class LocalizingOptions(Options):
         if path is not None and not path.is_file():
             raise UserError(f"odometry={path}: there is no such file", "Leave it out if there is none.")
         return path
+
+
+class LocalizingOptions(DriveOptions):
+    """What the user chose."""
+
+    image_topic: str | None = Field(None, examples=["/camera/image_raw"])
+    """of a ROS bag: its images; the only topic of images unless given"""
+    odometry_topic: str | None = Field(None, examples=["/odom"])
+    """of a ROS bag: its odometry; the only topic of odometry unless given"""

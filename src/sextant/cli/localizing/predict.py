@@ -1,21 +1,15 @@
 """From photos or a video to where each was taken."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-
+from sextant.applications.localization.localized_drive import localize_drive
 from sextant.applications.localization.localizer import Localizer
-from sextant.applications.localization.written_poses import Replay, Row, draw_trajectory, write_poses
-from sextant.applications.write_errors import telling_write_errors
+from sextant.applications.localization.written_poses import Row
 from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
-from sextant.data.localization.own_drive import OwnDrive, open_drive
-from sextant.data.localization.pose_formats import write_tum
-from sextant.data.unusable_files import nothing_usable
+from sextant.data.localization.own_drive import open_drive
 from sextant.errors import UserError
 
 
@@ -35,15 +29,8 @@ def predict_poses(
         UserError: there is no image that can be used, the odometry does not go with them, the map is damaged or cannot
             describe images, or the disk is full.
     """
-    drive = open_drive(
-        given,
-        options.odometry,
-        output,
-        every=options.every,
-        image_topic=options.image_topic,
-        odometry_topic=options.odometry_topic,
-    )
-    remarks = drive.remarks
+    read = options.model_dump(include={"every", "image_topic", "odometry_topic"})
+    drive = open_drive(given, options.odometry, output, **read)
     chosen = options.model_dump(include={"particles", "start", "seed"})
     localizer = Localizer.load(folder, **chosen, lag=len(drive.frames) if options.smooth else 0, trust=trust)
     if localizer.descriptor.describer is None:
@@ -53,58 +40,16 @@ def predict_poses(
         )
     if localizer.image_size is None:
         raise UserError(f"the map in {folder} does not tell the size of its images", "Save it anew.")
-    rows, replay = _localized(localizer, drive, options)
-    if all(row.problem for row in rows):
-        skipped = {row.name: row.problem for row in rows}
-        raise nothing_usable(f"input={given}: none of {len(rows):,} images can be used", skipped)
-    positions = localizer.model.map.poses[:, :2].numpy()
-    with telling_write_errors(output):
-        write_poses(rows, drive.times_s, output)
-        draw_trajectory(rows, positions, output, localizer.unit)
-        written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
-        if options.smooth:
-            written.append(output / "smoothed.tum")
-            with work_progress("smoothing", "images") as progress:
-                poses = np.stack([told.pose for told in localizer.past(progress)])
-            write_tum(written[-1], drive.times_s, poses)
-        if options.replay != "none":
-            written.append(
-                _animation(partial(replay.write, rows, positions, unit=localizer.unit), output, options.replay, remarks)
-            )
-    _tell(rows, remarks, written)
+    rows, written = localize_drive(
+        localizer, drive, drive.frames.read(localizer.image_size), output,
+        replay=options.replay, smooth=options.smooth, progress=work_progress,
+    )  # fmt: skip
+    tell_poses(rows, drive.remarks, written)
     return rows
 
 
-def _localized(localizer: Localizer, drive: OwnDrive, options: LocalizingOptions) -> tuple[list[Row], Replay]:
-    rows, replay = list[Row](), Replay()
-    assert localizer.image_size is not None
-    with work_progress("localizing", "images") as progress:
-        for step, (frame, motion) in enumerate(
-            zip(drive.frames.read(localizer.image_size), drive.motions, strict=True)
-        ):
-            told = localizer.step(motion, frame.image)
-            rows.append(Row(frame.name, told, frame.problem))
-            if options.replay != "none":
-                replay.add(step, localizer.belief)
-            progress(step + 1, len(drive.frames))
-    return rows, replay
-
-
-def _animation(write: Callable[[Path], None], output: Path, kind: str, remarks: list[str]) -> Path:
-    path = output / f"replay.{kind}"
-    with work_progress("drawing the replay", "frames"):
-        try:
-            write(path)
-        except UserError as error:
-            if kind == "gif":
-                raise
-            remarks.append(f"{error.problem}: a GIF was written")
-            path = path.with_suffix(".gif")
-            write(path)
-    return path
-
-
-def _tell(rows: list[Row], remarks: list[str], written: list[Path]) -> None:
+def tell_poses(rows: list[Row], remarks: list[str], written: list[Path]) -> None:
+    """Print how many images were localized, which could not be used and why, and where the files are."""
     lost, unseen = sum(row.told.lost for row in rows), {row.name: row.problem for row in rows if row.problem}
     degenerate = sum(row.told.degenerate for row in rows)
     console.print(

@@ -11,7 +11,16 @@ NONE = BeforeValidator(lambda text: None if text == "none" else text)
 Undistort = Literal["crop", "all", "none"]
 
 
-class CalibrationOptions(Options):
+class FocalOptions(Options):
+    """What the user may know of a camera beforehand."""
+
+    focal_prior: Annotated[Literal["exif"] | Annotated[float, Field(gt=0)] | None, NONE] = Field(
+        None, title="none, exif or a focal length in pixels above 0", examples=["exif"]
+    )
+    """none (default), exif, or a focal length in pixels of the photo"""
+
+
+class CalibrationOptions(FocalOptions):
     """What the user chose."""
 
     method: Literal["joint", "lines", "network"] = Field("joint", examples=["network"])
@@ -20,9 +29,5 @@ class CalibrationOptions(Options):
     """crop (default: no borders), all (every pixel is kept, with borders) or none (no straightened photos)"""
     camera: Literal["each", "one"] = Field("each", examples=["one"])
     """each (default), or one: all photos are of one camera and lens setting, and are fused"""
-    focal_prior: Annotated[Literal["exif"] | Annotated[float, Field(gt=0)] | None, NONE] = Field(
-        None, title="none, exif or a focal length in pixels above 0", examples=["exif"]
-    )
-    """none (default), exif, or a focal length in pixels of the photo"""
     colmap: bool = Field(False, examples=["true"])
     """true: cameras and gravity as a database of COLMAP too, in <output>/colmap"""

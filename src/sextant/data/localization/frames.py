@@ -12,7 +12,9 @@ from PIL import Image
 
 from sextant.data.localization.pose_times import check_rising, times_of_names
 from sextant.data.photo_files import find_photos
-from sextant.data.places.image_files import UnreadableImageError, decode_image, natural_key
+from sextant.data.photos import read_photo
+from sextant.data.places.image_files import UnreadableImageError, decode_image, natural_key, picture_bytes
+from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
 
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
@@ -27,7 +29,7 @@ class Frame:
 
     Attributes:
         name: of its file, or its number in the video.
-        image: bytes of the map's size; None if there is none.
+        image: bytes of the size that was asked for; None if there is none.
         problem: why there is none.
     """
 
@@ -53,17 +55,17 @@ class Photos:
     def __len__(self) -> int:
         return len(self.names)
 
-    def read(self, size: Size) -> Iterator[Frame]:
-        """All images, stretched to a size; what cannot be decoded is reported."""
+    def read(self, size: Size | None) -> Iterator[Frame]:
+        """All images, stretched to a size or in colour as they are; what cannot be decoded is reported."""
         for name in self.names:
             path = self.folder / name
             if not path.is_file():
                 yield Frame(name, None, "there is no such file")
                 continue
             try:
-                yield Frame(name, decode_image(path, *size))
-            except UnreadableImageError as error:
-                yield Frame(name, None, str(error))
+                yield Frame(name, read_photo(path).image if size is None else decode_image(path, *size))
+            except (UnreadableImageError, UserError) as error:
+                yield Frame(name, None, reason_alone(str(path), str(error)))
 
     def in_order_of(self, names: Sequence[str], given: Path) -> "Photos":
         """The frames of a table: a row whose file is not there is one that nothing is seen in.
@@ -108,11 +110,10 @@ class Video:
     def __len__(self) -> int:
         return math.ceil(self.frames / self.every)
 
-    def read(self, size: Size) -> Iterator[Frame]:
-        """The frames, stretched to a size; those that cannot be decoded are reported."""
+    def read(self, size: Size | None) -> Iterator[Frame]:
+        """The frames, stretched to a size or as they are; those that cannot be decoded are reported."""
         import cv2
 
-        height, width, channels = size
         video = cv2.VideoCapture(str(self.path))
         try:
             for number in range(self.frames):
@@ -126,12 +127,8 @@ class Video:
                 if not fine:
                     yield Frame(f"frame {number}", None, "cannot be decoded")
                     continue
-                picture = Image.fromarray(np.ascontiguousarray(pixels[..., ::-1])).convert(
-                    "RGB" if channels == 3 else "L"
-                )
-                if picture.size != (width, height):
-                    picture = picture.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
-                yield Frame(f"frame {number}", np.asarray(picture).reshape(size))
+                picture = Image.fromarray(np.ascontiguousarray(pixels[..., ::-1]))
+                yield Frame(f"frame {number}", picture_bytes(picture, *(size or (picture.height, picture.width, 3))))
         finally:
             video.release()
 

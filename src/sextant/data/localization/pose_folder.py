@@ -217,6 +217,21 @@ class PoseFolder:
             validation, test = first_share(test, self.settings.share(VALIDATION_SHARE))
         return LocalizationData(first, test, validation, None, "m", self.protocol, notes=tuple(notes))
 
+    def mapped_images(self) -> tuple[list[Path], Float64[ndarray, "n 3"], list[str]]:
+        """The images of the map and the poses of their camera, without decoding any; and what a user should know.
+
+        Raises:
+            UserError: the folder has no images, or no poses for them.
+        """
+        notes: list[str] = []
+        paths = self._of_map()
+        poses = self._frames("map", self.folder / self.folders["map"]["map"], paths, "map", notes).poses
+        once = self._once(poses, paths, "map", notes)
+        return [paths[i] for i in once.tolist()], poses[once], notes
+
+    def _of_map(self) -> list[Path]:
+        return traverse_files({"map": self.folder / self.folders["map"]["map"]}, "")["map"]
+
     def _images(self) -> dict[str, list[Path]]:
         """The images of all drives, which have none in common."""
         all_folders = {name: self.folder / path for part in self.folders.values() for name, path in part.items()}
@@ -307,7 +322,7 @@ class PoseFolder:
         if self.poses == "csv":
             poses = self._table(file, folder, paths, key)
         elif self.poses == "gps":
-            poses = drive_by_gps(paths, self._images()["map"][0], key, notes)
+            poses = drive_by_gps(paths, self._of_map()[0], key, notes)
         elif self.poses == "kitti":
             poses = to_plane(load_kitti_poses(file), self.plane, self.ahead, str(file))
         elif self.poses != "tum":

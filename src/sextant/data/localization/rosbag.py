@@ -74,15 +74,16 @@ class Bag:
     def __len__(self) -> int:
         return len(self.times_s)
 
-    def read(self, size: Size) -> Iterator[Frame]:
-        """The images, stretched to a size; those that cannot be decoded are reported."""
+    def read(self, size: Size | None) -> Iterator[Frame]:
+        """The images, stretched to a size or as they are; those that cannot be decoded are reported."""
         with _opened(self.path) as bag:
             for number, (kind, _, raw) in enumerate(bag.messages(self.topic)):
                 if number % self.every:
                     continue
                 name = f"image {number}"
                 try:
-                    yield Frame(name, picture_bytes(_picture(bag.message(raw, kind), kind), *size))
+                    picture = _picture(bag.message(raw, kind), kind)
+                    yield Frame(name, picture_bytes(picture, *(size or (picture.height, picture.width, 3))))
                 except Exception as error:  # decoders raise whatever they come across in damaged bytes
                     yield Frame(
                         name, None, f"cannot be decoded: {str(error).splitlines()[0] if str(error) else error!r}"

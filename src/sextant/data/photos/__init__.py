@@ -7,6 +7,7 @@ bounded; all lengths are still in pixels of the original.
 
 from sextant.data.photos.exif import exif_focal_px
 from sextant.data.photos.photo import Photo
+from sextant.data.photos.pinhole import Pinhole, through_pinhole
 from sextant.data.photos.reading import photo_of_array, read_photo
 from sextant.data.photos.undistortion import Keep, straight_focal, undistort_photo
 from sextant.data.photos.view import NetworkView, network_view
@@ -15,10 +16,12 @@ __all__ = [
     "Keep",
     "NetworkView",
     "Photo",
+    "Pinhole",
     "exif_focal_px",
     "network_view",
     "photo_of_array",
     "read_photo",
     "straight_focal",
+    "through_pinhole",
     "undistort_photo",
 ]

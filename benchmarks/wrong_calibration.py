@@ -1,0 +1,220 @@
+"""What a wrong calibration costs places and localization: ``python -m benchmarks.wrong_calibration csv=costs.csv``.
+
+Each seed is a town with a map in summer by a level camera without distortion, of which all is known, and a drive in
+winter and at night by a wider one with a barrel lens that looks up and is rolled. What is believed of that camera is
+varied; both are straightened to the view that the believed cameras share. Shares are means over seeds with Korn and
+Graubard's 95 % intervals, differences from the truth means of paired differences with t intervals.
+"""
+
+import csv
+import math
+import sys
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+from PIL import Image
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.machine import describe_machine
+from sextant import Localizer, PhotoCalibrator
+from sextant.applications.pixels import as_pixels
+from sextant.applications.walks.shared_camera import SharedCamera, shared_view
+from sextant.baselines import Hog
+from sextant.cli.arguments import parse_arguments
+from sextant.data.localization.motions import motions_along
+from sextant.evaluation import mean_interval, share_interval
+from sextant.evaluation.protocols import TOWN_LOCALIZATION
+from sextant.geometry import PerspectiveCamera, level_camera_pose
+from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
+
+KEYS = {
+    "seeds": "how many; 8 unless given",
+    "csv": "a file for the result of each seed",
+    "example": "a folder for the map and the drives of the first seed, which sextant walk takes; nothing is measured",
+}
+SIZE, ROWS = (320, 240), 60
+MAP, DRIVES = "summer_noon", ("winter_noon", "night_clear")
+METRES, STEP_M, FRAMES, JUDGED_FROM = 360, 3.0, 60, 20
+DESCRIPTORS = {"whitened PCA": lambda: None, "HOG": Hog}
+#: R@1, and the shares of frames from the twentieth on that are within 5 m and 20 degrees
+MEASURES = ("places, R@1", "with odometry", "without odometry")
+ZOOMS = (0.6, 0.8, 0.9, 1.1, 1.2, 1.4)
+
+
+def camera(lens: PerspectiveCamera, tilt: float = 0.0, roll: float = 0.0) -> SharedCamera:
+    """A camera that is known."""
+    focal = float(lens.focal) * lens.height / max(SIZE)
+    return SharedCamera(*SIZE, focal, float(lens.k1), float(lens.k2), np.array([tilt]), np.array([roll]), {})
+
+
+def zoomed(known: SharedCamera, by: float) -> SharedCamera:
+    """The same with another focal length, and the distortion that one sees."""
+    k1 = known.k1 * by**2
+    return replace(known, focal=known.focal * by, k1=k1, k2=known.k2 * by**4)
+
+
+def beliefs(drawn: SharedCamera, found: SharedCamera, mapped: SharedCamera, map_found: SharedCamera) -> dict:
+    """What may be believed of the drive's camera, and of the map's; None leaves images as they are."""
+    level = {"tilts": np.zeros(1), "rolls": np.zeros(1)}
+    return {
+        "truth": (drawn, mapped),
+        "estimated, both": (found, map_found),
+        "estimated, the map's known": (found, mapped),
+        **{f"focal {by - 1:+.0%}": (zoomed(drawn, by), mapped) for by in ZOOMS},
+        "focal +20%, both": (zoomed(drawn, 1.2), zoomed(mapped, 1.2)),
+        "distortion ignored": (replace(drawn, k1=0.0, k2=0.0), mapped),
+        "tilt and roll ignored": (replace(drawn, **level), mapped),
+        "not straightened": None,
+    }
+
+
+def pictures(town: Town, name: str, poses: ndarray, lens: PerspectiveCamera, tilt: float, roll: float) -> ndarray:
+    """What a camera on a car sees."""
+    at = np.stack([level_camera_pose(x, y, 1.6, turn, tilt, roll).numpy() for x, y, turn in poses])
+    look = condition(name)
+    return town.renderer(look).pictures(Rays.of_camera(lens, 1), at, look, seeds=np.arange(len(at)))
+
+
+def measured(localizer: Localizer, mapped: ndarray, seen: ndarray, poses: ndarray, seed: int) -> list[float]:
+    """The measures of one drive."""
+    rows = np.stack([localizer.describe(image) for image in seen])
+    known = localizer.model.map.descriptors.numpy()
+    nearest = np.argmin(np.square(rows[:, None] - known[None]).sum(-1), axis=1)
+    limit, turned = TOWN_LOCALIZATION.position, math.radians(TOWN_LOCALIZATION.heading_deg)
+    shares = [np.mean(np.hypot(*(mapped[nearest] - poses)[:, :2].T) <= limit)]
+    rng = np.random.default_rng(seed)
+    motions = motions_along(poses)
+    motions = motions * (1 + 0.1 * rng.standard_normal(motions.shape))
+    for odometry in (True, False):
+        localizer.reset(seed)
+        told = [localizer.step(motions[k] if odometry and k else None, descriptor=row) for k, row in enumerate(rows)]
+        away = np.stack([each.pose for each in told]) - poses
+        turn = np.abs((away[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+        shares.append(np.mean(((np.hypot(*away[:, :2].T) <= limit) & (turn <= turned))[JUDGED_FROM:]))
+    return [float(share) for share in shares]
+
+
+@dataclass(frozen=True)
+class World:
+    """A town, the poses of its map and of a drive, and the two cameras."""
+
+    town: Town
+    mapped: ndarray
+    walked: ndarray
+    narrow: PerspectiveCamera
+    wide: PerspectiveCamera
+    tilt: float
+    roll: float
+
+    @classmethod
+    def of(cls, seed: int) -> "World":
+        """All of it by one seed."""
+        rng = np.random.default_rng([seed, 27])
+        streets = irregular_streets(size_m=300, block_m=85, seed=seed)
+        town, way = Town(streets, seed=seed), random_walk(streets, METRES, seed=seed)
+        mapped = drive(streets, way, seed=1).sample_by_distance(STEP_M).poses
+        walked = drive(streets, way, seed=2).sample_by_distance(STEP_M).poses[20 : 20 + FRAMES]
+        narrow = PerspectiveCamera.from_vfov(math.radians(rng.uniform(45, 60)), *SIZE)
+        wide = PerspectiveCamera.from_vfov(math.radians(rng.uniform(65, 85)), *SIZE, k1=-rng.uniform(0.2, 0.3))
+        tilt, roll = math.radians(rng.uniform(3, 8)), math.radians(rng.uniform(2, 5)) * rng.choice([-1, 1])
+        return cls(town, mapped, walked, narrow, wide, tilt, roll)
+
+    def map_pictures(self) -> ndarray:
+        """What the map's camera sees."""
+        return pictures(self.town, MAP, self.mapped, self.narrow, 0.0, 0.0)
+
+    def drive_pictures(self, name: str) -> ndarray:
+        """What the drive's camera sees under a condition."""
+        return pictures(self.town, name, self.walked, self.wide, self.tilt, self.roll)
+
+
+def one_seed(seed: int, calibrator: PhotoCalibrator) -> list[dict]:
+    """All beliefs in one town."""
+    world = World.of(seed)
+    mapped, walked, tilt, roll = world.mapped, world.walked, world.tilt, world.roll
+    images = world.map_pictures()
+    map_found = SharedCamera.of(calibrator.one_camera(images[::6]))
+    rows = []
+    for name in DRIVES:
+        seen = world.drive_pictures(name)
+        drawn, found = camera(world.wide, tilt, roll), SharedCamera.of(calibrator.one_camera(seen[::3]))
+        for belief, pair in beliefs(drawn, found, camera(world.narrow), map_found).items():
+            if pair is None:
+                both = [np.stack([as_pixels(each, (ROWS, 80, 3)) for each in part]) for part in (seen, images)]
+            else:
+                view = shared_view(pair, ROWS)
+                both = [
+                    np.stack([of.straighten(each, view, 0)[0] for each in part])
+                    for of, part in zip(pair, (seen, images), strict=True)
+                ]
+            for label, made in DESCRIPTORS.items():
+                localizer = Localizer.from_images(both[1], mapped, made())
+                shares = measured(localizer, mapped, both[0], walked, seed)
+                told = {"seed": seed, "drive": name, "descriptor": label, "belief": belief}
+                error = {} if pair is None else {"focal_error": pair[0].focal / drawn.focal - 1}
+                rows.append(told | error | dict(zip(MEASURES, shares, strict=True)))
+                print(*rows[-1].values(), flush=True)
+    return rows
+
+
+def summary(rows: list[dict]) -> list[list[str]]:
+    """By drive, descriptor and belief: each measure with its interval, and its difference from the truth's."""
+    by = defaultdict(dict)
+    for row in rows:
+        by[row["drive"], row["descriptor"], row["belief"]][row["seed"]] = [float(row[name]) for name in MEASURES]
+    lines = []
+    for (name, label, belief), seeds in by.items():
+        cells = [name, label, belief]
+        for k in range(len(MEASURES)):
+            values = np.array([seeds[seed][k] for seed in sorted(seeds)])
+            truth = np.array([by[name, label, "truth"][seed][k] for seed in sorted(seeds)])
+            trials = len(values) * (FRAMES if k == 0 else FRAMES - JUDGED_FROM)
+            low, high = share_interval(values, trials)
+            cells.append(f"{100 * values.mean():.0f} [{100 * low:.0f}, {100 * high:.0f}]")
+            if belief == "truth":
+                cells.append("")
+            else:
+                low, high = mean_interval(values - truth)
+                cells.append(f"{100 * (values - truth).mean():+.0f} [{100 * low:+.0f}, {100 * high:+.0f}]")
+        lines.append(cells)
+    return lines
+
+
+def write_example(folder: Path) -> None:
+    """The map with poses.csv, and the drives with the truth beside them."""
+    world = World.of(0)
+    for name, poses in ((MAP, world.mapped), *((name, world.walked) for name in DRIVES)):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        for k, image in enumerate(world.map_pictures() if name == MAP else world.drive_pictures(name)):
+            Image.fromarray(image).save(folder / name / f"{k:03d}.png")
+        rows = [f"{k:03d}.png,{x},{y},{math.degrees(turn)}" for k, (x, y, turn) in enumerate(poses)]
+        table = folder / name / "poses.csv" if name == MAP else folder / f"{name}_truth.csv"
+        table.write_text("\n".join(["file,x,y,heading", *rows]))
+
+
+def main() -> None:
+    """Measure all seeds."""
+    given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.wrong_calibration seeds=8 csv=costs.csv")
+    if "example" in given:
+        return write_example(Path(given["example"]))
+    calibrator = PhotoCalibrator.load()
+    rows = [row for seed in range(int(given.get("seeds", 8))) for row in one_seed(seed, calibrator)]
+    if "csv" in given:
+        with Path(given["csv"]).open("w", newline="") as file:
+            writer = csv.DictWriter(file, ["seed", "drive", "descriptor", "belief", "focal_error", *MEASURES])
+            writer.writeheader()
+            writer.writerows(rows)
+    table = Table("drive", "descriptor", "believed", *(head for name in MEASURES for head in (name, "difference")))
+    for line in summary(rows):
+        table.add_row(*line)
+    console = Console(width=190)
+    console.print(describe_machine())
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()

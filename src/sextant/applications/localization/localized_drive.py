@@ -1,0 +1,88 @@
+"""From a drive to where each of its images was taken, and the files that say so."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sextant.applications.localization.localizer import Localizer
+from sextant.applications.localization.written_poses import Replay, Row, draw_trajectory, write_poses
+from sextant.applications.write_errors import telling_write_errors
+from sextant.data.localization.frames import Frame
+from sextant.data.localization.own_drive import OwnDrive
+from sextant.data.localization.pose_formats import write_tum
+from sextant.data.unusable_files import nothing_usable
+from sextant.errors import UserError
+from sextant.reporter import SILENT, Progress
+
+#: an animation of the particles, if there is to be one
+ReplayKind = Literal["mp4", "gif", "none"]
+
+
+def localize_drive(
+    localizer: Localizer,
+    drive: OwnDrive,
+    frames: Iterable[Frame],
+    output: Path,
+    *,
+    replay: ReplayKind = "mp4",
+    smooth: bool = False,
+    progress: Progress = SILENT.progress,
+) -> tuple[list[Row], list[Path]]:
+    """Localize the images of a drive one after the other, and write where each was taken.
+
+    Args:
+        localizer: in the map; what it believed is taken as the start.
+        drive: whose odometry and times count; remarks are added to it.
+        frames: its images, of the size of the map's.
+        output: a folder that is there, for ``poses.csv``, ``trajectory.tum``, ``trajectory.png`` and what else is
+            asked for.
+        replay: write an animation of the particles.
+        smooth: write ``smoothed.tum`` too; the localizer's ``lag`` must be the length of the drive.
+        progress: shows how far the work is.
+
+    Returns:
+        The poses, and the files.
+
+    Raises:
+        UserError: not one image can be used, or the disk is full.
+    """
+    rows, particles = list[Row](), Replay()
+    with progress("localizing", "images") as advance:
+        for step, (frame, motion) in enumerate(zip(frames, drive.motions, strict=True)):
+            rows.append(Row(frame.name, localizer.step(motion, frame.image), frame.problem))
+            if replay != "none":
+                particles.add(step, localizer.belief)
+            advance(step + 1, len(drive.frames))
+    if all(row.problem for row in rows):
+        raise nothing_usable(f"none of {len(rows):,} images can be used", {row.name: row.problem for row in rows})
+    positions = localizer.model.map.poses[:, :2].numpy()
+    with telling_write_errors(output):
+        write_poses(rows, drive.times_s, output)
+        draw_trajectory(rows, positions, output, localizer.unit)
+        written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
+        if smooth:
+            written.append(output / "smoothed.tum")
+            with progress("smoothing", "images") as advance:
+                write_tum(written[-1], drive.times_s, np.stack([told.pose for told in localizer.past(advance)]))
+        if replay != "none":
+            with progress("drawing the replay", "frames"):
+                written.append(_animated(particles, rows, positions, output, replay, localizer.unit, drive.remarks))
+    return rows, written
+
+
+def _animated(
+    particles: Replay, rows: list[Row], positions: np.ndarray, output: Path, kind: ReplayKind,
+    unit: Literal["m", "frames"], remarks: list[str],
+) -> Path:  # fmt: skip
+    path = output / f"replay.{kind}"
+    try:
+        particles.write(rows, positions, path, unit)
+    except UserError as error:
+        if kind == "gif":
+            raise
+        remarks.append(f"{error.problem}: a GIF was written")
+        path = path.with_suffix(".gif")
+        particles.write(rows, positions, path, unit)
+    return path

@@ -1,0 +1,82 @@
+"""The images of a map and where they were taken, whatever wrote the poses down."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxtyping import Float64
+from numpy import ndarray
+
+from sextant.applications.inspection.drives import axes
+from sextant.applications.inspection.files import found_files
+from sextant.applications.inspection.poses import FoundPoses, found_poses
+from sextant.data.localization.pose_folder import PoseFolder
+from sextant.errors import ArgumentError, UserError
+
+
+@dataclass(frozen=True, eq=False)
+class PosedImages:
+    """Images of a map.
+
+    Attributes:
+        paths: of their files.
+        poses: x, y in metres and heading in rad, counter-clockwise.
+        source: the file that the poses are from, or the images themselves.
+        remarks: what a user should know.
+    """
+
+    paths: list[Path]
+    poses: Float64[ndarray, "n 3"]
+    source: Path
+    remarks: tuple[str, ...]
+
+
+def posed_images(folder: Path | str) -> PosedImages:
+    """Images below a folder with poses of TUM, KITTI, COLMAP, OpenSfM, nerfstudio, a table, or GPS in EXIF.
+
+    The file of poses is the one below the folder that has poses of most images. Poses in space are brought to the plane
+    that the camera moved in, as ``sextant inspect`` finds it.
+
+    Args:
+        folder: with images and one such file.
+
+    Raises:
+        UserError: there are no images, no poses of them, or the ground of the poses is no plane of two axes.
+
+    Example:
+        >>> found = posed_images("summer")  # doctest: +SKIP
+        >>> found.poses.shape  # doctest: +SKIP
+        (240, 3)
+    """
+    folder = Path(folder).expanduser()
+    if not folder.is_dir():
+        raise ArgumentError(f"map={folder}: there is no such folder", "Give a folder of images with poses.")
+    files = found_files(folder)
+    tables = [each for file in files.tables if (each := found_poses(folder, file, files.images)) is not None]
+    usable = [each for each in tables if each.posed and not each.problem and each.headings and each.format != "cold"]
+    best = max(usable, key=lambda each: each.posed, default=None)
+    try:
+        source = PoseFolder(str(folder), ".", poses="gps") if best is None else _source(folder, best)
+        paths, poses, notes = source.mapped_images()
+    except UserError as error:
+        if best is not None:
+            raise
+        problems = "".join(f"\n  {each.file}: {each.problem}" for each in tables if each.problem)
+        raise ArgumentError(
+            f"map={folder}: no file there has poses of its images, nor has their EXIF{problems}",
+            f"sextant inspect {folder} says what was found; poses.csv with file,x,y,heading is the simplest.",
+        ) from error
+    remarks = best.remarks if best is not None else ()
+    return PosedImages(paths, poses, folder if best is None else folder / best.file, (*remarks, *notes))
+
+
+def _source(folder: Path, best: FoundPoses) -> PoseFolder:
+    assert best.format != "cold"
+    ground = axes(best)
+    if ground is None:
+        raise ArgumentError(
+            f"{folder / best.file}: no two axes of the world are the ground",
+            "Align them to it first (COLMAP: model_orientation_aligner).",
+        )
+    images = folder / (best.images or ".")
+    file = (folder / best.file).resolve()
+    return PoseFolder(str(images), ".", poses=best.format, pose_file=str(file), times=None, max_gap_s=None, **ground)  # type: ignore[arg-type]

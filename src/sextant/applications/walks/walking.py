@@ -1,0 +1,240 @@
+"""From a folder or a video of one unknown camera to where each image was taken, in a map by another camera.
+
+Calibrated together, straightened through one virtual camera, described, and localized: the parts are
+:class:`~sextant.PhotoCalibrator`, :class:`~sextant.data.photos.Pinhole` and :class:`~sextant.Localizer`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant.applications.calibration.calibrator import PhotoCalibrator
+from sextant.applications.calibration.priors import FocalPrior
+from sextant.applications.kept_descriptor import Describes
+from sextant.applications.localization.found_map import find_map
+from sextant.applications.localization.localized_drive import ReplayKind, localize_drive
+from sextant.applications.localization.localizer import Localizer, Start
+from sextant.applications.localization.written_poses import Row
+from sextant.applications.walks.posed_images import PosedImages, posed_images
+from sextant.applications.walks.shared_camera import Held, SharedCamera, shared_view
+from sextant.applications.walks.walk_report import MOST_SHOWN, write_walk_report
+from sextant.applications.write_errors import telling_write_errors
+from sextant.data.localization.frames import Frame, Photos
+from sextant.data.localization.own_drive import OwnDrive, open_drive
+from sextant.data.photos import Pinhole, read_photo
+from sextant.errors import ArgumentError, UserError
+from sextant.reporter import SILENT, Progress
+from sextant.runs.outputs_folder import default_outputs
+
+#: of a localizer's facts: the virtual camera that its images were taken with
+VIEW = "view"
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """What was found.
+
+    Attributes:
+        camera: of the walk.
+        map_camera: of the map's images; None of a map that was straightened before.
+        view: the virtual camera that both look through.
+        rows: where each image was taken.
+        unseen: of the straightened images, the mean share that the camera does not show.
+        remarks: what a user should know.
+        files: that were written.
+    """
+
+    camera: SharedCamera
+    map_camera: SharedCamera | None
+    view: Pinhole
+    rows: list[Row]
+    unseen: float
+    remarks: tuple[str, ...]
+    files: tuple[Path, ...]
+
+    def facts(self) -> dict[str, Any]:
+        """The cameras and what they share as plain values."""
+        cameras = {"walk": self.camera.row, "map": self.map_camera and self.map_camera.row}
+        return {
+            "images": len(self.rows),
+            "lost": sum(row.told.lost for row in self.rows),
+            "cameras": cameras,
+            "view": self.view.facts() | {"vfov_deg": self.view.vfov_deg},
+            "unseen": self.unseen,
+            "remarks": list(self.remarks),
+        }
+
+
+def localize_walk(
+    input: Path | str,
+    map: Path | str,
+    output: Path | str,
+    *,
+    calibrator: PhotoCalibrator | None = None,
+    descriptor: Describes | str | Path | None = None,
+    held: Held = "mounted",
+    photos: int = 40,
+    rows: int = 120,
+    vfov_deg: float | None = None,
+    focal_prior: FocalPrior = None,
+    odometry: Path | None = None,
+    every: int = 1,
+    particles: int | None = None,
+    start: Start = "uniform",
+    seed: int = 0,
+    smooth: bool = False,
+    replay: ReplayKind = "mp4",
+    progress: Progress = SILENT.progress,
+) -> Walk:
+    """Localize a walk with an unknown camera in a map of another season, and write everything down.
+
+    The walk's images are calibrated together, as those of one camera, and so are the map's; both are straightened to
+    what one camera without distortion would have seen, and the map is made of what remains.
+
+    Args:
+        input: folder of photos in the order of their names, or a video, or a ROS bag.
+        map: folder of images with poses (:func:`~sextant.applications.walks.posed_images.posed_images`), or what
+            an earlier walk wrote as ``map``, or another saved map, of which ``vfov_deg`` must be given.
+        output: folder for ``report.md``, ``walk.json``, ``poses.csv``, ``trajectory.tum``, ``map`` and pictures.
+        calibrator: of both cameras; the one of the package unless given.
+        descriptor: as for :meth:`~sextant.Localizer.from_images`; a saved map has its own.
+        held: how the cameras were held: ``mounted``, ``by_hand`` (each image has its own tilt and roll, and all are
+            calibrated), or ``level``.
+        photos: of each camera that are calibrated, evenly taken.
+        rows: of the straightened images.
+        vfov_deg: vertical field of view of these; the largest that both cameras cover unless given.
+        focal_prior: of the walk's camera, as for :meth:`~sextant.PhotoCalibrator.one_camera`.
+        odometry: as for ``sextant predict``; without it, motion is unknown.
+        every: of a video or bag, one of so many images.
+        particles, start, seed: of the filter; as many particles as the map was made for unless given.
+        smooth: write ``smoothed.tum`` too.
+        replay: animation of the particles.
+        progress: shows how far the work is.
+
+    Raises:
+        UserError: there are no images, no map, no camera can be found for either, or the disk is full.
+
+    Example:
+        >>> walk = localize_walk("winter.mp4", "summer", "found", every=10)  # doctest: +SKIP
+        >>> walk.camera.focal_px, walk.rows[-1].told.pose  # doctest: +SKIP
+    """
+    if photos < 1:
+        raise ArgumentError(f"photos={photos} must be at least 1", "photos=40")
+    output, calibrator = Path(output), calibrator or PhotoCalibrator.load()
+    saved = find_map(map, default_outputs())
+    mapped = posed_images(map) if saved is None else None
+    drive = open_drive(str(input), odometry, output, every=every)
+    with telling_write_errors(output):
+        output.mkdir(parents=True, exist_ok=True)
+    with progress("calibrating the walk", "images") as advance:
+        advance(0, 1)
+        camera = _camera_of_drive(calibrator, drive, held, photos, focal_prior)
+    map_camera = None
+    if mapped is not None:
+        with progress("calibrating the map", "images") as advance:
+            advance(0, 1)
+            map_camera = _camera_of(calibrator, mapped.paths, held, photos)
+        view = shared_view([camera, map_camera], rows, vfov_deg)
+        images = _straightened_map(mapped, map_camera, view)
+        localizer = Localizer.from_images(
+            images, mapped.poses, descriptor, particles=particles or 1000, start=start, seed=seed,
+            lag=len(drive.frames) if smooth else 0,
+        )  # fmt: skip
+        localizer.facts[VIEW] = view.facts()
+        with telling_write_errors(output):
+            localizer.save(output / "map")
+        drive.remarks.extend(mapped.remarks)
+    else:
+        localizer = Localizer.load(
+            str(map), particles=particles, start=start, seed=seed, lag=len(drive.frames) if smooth else 0
+        )
+        view, images = _view_of(localizer, map, camera, vfov_deg), None
+    straight = _Straightened(drive, camera, view, localizer.image_size)
+    found, files = localize_drive(localizer, drive, straight, output, replay=replay, smooth=smooth, progress=progress)
+    walk = Walk(camera, map_camera, view, found, straight.unseen, tuple(drive.remarks), ())
+    with telling_write_errors(output):
+        report = write_walk_report(walk, straight.shown, localizer, images, output)
+    return Walk(camera, map_camera, view, found, straight.unseen, tuple(drive.remarks), (*report, *files))
+
+
+def _camera_of(
+    calibrator: PhotoCalibrator, paths: Sequence[Path], held: Held, photos: int, focal_prior: FocalPrior = None
+) -> SharedCamera:
+    chosen = paths if held == "by_hand" else [paths[i] for i in _spread(len(paths), photos)]
+    return SharedCamera.of(calibrator.one_camera(chosen, focal_prior=focal_prior, errors="return"), held)
+
+
+def _camera_of_drive(
+    calibrator: PhotoCalibrator, drive: OwnDrive, held: Held, photos: int, focal_prior: FocalPrior
+) -> SharedCamera:
+    if isinstance(drive.frames, Photos):
+        there = [path for name in drive.frames.names if (path := drive.frames.folder / name).is_file()]
+        if held != "by_hand" or len(there) == len(drive.frames):
+            return _camera_of(calibrator, there, held, photos, focal_prior)
+    count = len(drive.frames)
+    chosen = set(range(count) if held == "by_hand" else _spread(count, photos))
+    seen = (frame for number, frame in enumerate(drive.frames.read(None)) if number in chosen)
+    blank = np.zeros((1, 1, 3), np.uint8)  # which fails, and so keeps the numbers of the others
+    images = (blank if frame.image is None else frame.image for frame in seen)
+    return SharedCamera.of(calibrator.one_camera(images, focal_prior=focal_prior, errors="return"), held)
+
+
+def _spread(count: int, wanted: int) -> list[int]:
+    return sorted({round(at) for at in np.linspace(0, count - 1, min(count, wanted)).tolist()})
+
+
+def _straightened_map(mapped: PosedImages, camera: SharedCamera, view: Pinhole) -> UInt8[ndarray, "n h w 3"]:
+    return np.stack([
+        camera.straighten(read_photo(path).image, view, number)[0] for number, path in enumerate(mapped.paths)
+    ])  # fmt: skip
+
+
+def _view_of(localizer: Localizer, map: Path | str, camera: SharedCamera, vfov_deg: float | None) -> Pinhole:
+    """The view of a saved map: its own, or a level one of a field of view that the user knows."""
+    if localizer.descriptor.describer is None or localizer.image_size is None:
+        raise UserError(
+            f"map={map}: the map was described by vectors from elsewhere, so images cannot be described",
+            "Give the folder of its images, with their poses.",
+        )
+    facts = localizer.facts.get(VIEW)
+    if facts is not None and vfov_deg is None:
+        return Pinhole(**facts)
+    if vfov_deg is None:
+        raise ArgumentError(
+            f"map={map} does not tell the camera of its images",
+            "Give their vertical field of view in degrees, vfov_deg=55; or the folder of its images, with their poses.",
+        )
+    height, width = localizer.image_size[:2]
+    return Pinhole(width, height, height / 2 / float(np.tan(np.radians(vfov_deg) / 2)))
+
+
+class _Straightened:
+    """The frames of a drive through the view; what is needed to show some of them is kept."""
+
+    def __init__(self, drive: OwnDrive, camera: SharedCamera, view: Pinhole, size: tuple[int, int, int] | None):
+        self.drive, self.camera, self.view = drive, camera, view
+        self.grey = size is not None and size[2] == 1
+        self.wanted = set(_spread(len(drive.frames), MOST_SHOWN))
+        self.shown: list[tuple[int, ndarray, ndarray]] = []
+        self._unseen: list[float] = []
+
+    @property
+    def unseen(self) -> float:
+        """Mean share of the view that the camera does not show."""
+        return float(np.mean(self._unseen)) if self._unseen else 0.0
+
+    def __iter__(self) -> Iterator[Frame]:
+        for number, frame in enumerate(self.drive.frames.read(None)):
+            if frame.image is None:
+                yield frame
+                continue
+            straight, unseen = self.camera.straighten(frame.image, self.view, number)
+            self._unseen.append(unseen)
+            if number in self.wanted:
+                self.shown.append((number, frame.image, straight))
+            yield Frame(frame.name, straight.mean(-1, keepdims=True).astype(np.uint8) if self.grey else straight)

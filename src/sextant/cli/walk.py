@@ -1,0 +1,53 @@
+"""``sextant walk``: images of an unknown camera, localized in a map of another season."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from sextant.cli.arguments import UserPath
+from sextant.cli.localizing.options import DriveOptions
+from sextant.cli.photo_calibration.options import FocalOptions
+
+USAGE = (
+    "sextant walk input=<folder of photos or video> map=<folder of images with poses, or a saved map> [output=walk] "
+    "[odometry=<table>]"
+)
+
+
+class WalkOptions(DriveOptions, FocalOptions):
+    """What the user chose."""
+
+    input: str
+    """folder of photos in the order of their names, a video or a ROS bag, all of one camera"""
+    map: str
+    """folder of images with poses of any format, or a saved map, such as the one that an earlier walk wrote"""
+    output: UserPath = Path("walk")
+    """folder for report.md, poses, cameras, the map and pictures; walk unless given"""
+    run: str = "zoo:calibration"
+    """what calibrates; the network of the package unless given"""
+    descriptor: str | None = Field(None, examples=["Hog"])
+    """of images: a run of place recognition, Hog, Pixels, PatchNormalised; whitened_pca unless given"""
+    held: Literal["mounted", "by_hand", "level"] = Field("mounted", examples=["by_hand"])
+    """mounted: tilt and roll are the same in all images (default); by_hand: each has its own; level: none"""
+    photos: int = Field(40, ge=1, examples=[40])
+    """of each camera that are calibrated together, evenly taken; 40 unless given"""
+    rows: int = Field(120, ge=8, examples=[120])
+    """of the straightened images; 120 unless given"""
+    vfov_deg: float | None = Field(None, gt=0, le=170, examples=[55])
+    """vertical field of view of these; the largest that both cameras cover unless given"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Calibrate, straighten, describe and localize, and say where the report is."""
+    options = WalkOptions.parse(arguments, USAGE)
+    from sextant.applications.calibration.calibrator import PhotoCalibrator
+    from sextant.applications.walks.walking import localize_walk
+    from sextant.cli.localizing.predict import tell_poses
+    from sextant.cli.work_progress import work_progress
+
+    walk = localize_walk(
+        **options.model_dump(exclude={"run"}), calibrator=PhotoCalibrator.load(options.run), progress=work_progress
+    )
+    tell_poses(walk.rows, list(walk.remarks), list(walk.files))

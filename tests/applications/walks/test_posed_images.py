@@ -1,0 +1,79 @@
+"""Maps whose poses were written down by whatever program."""
+
+import numpy as np
+import pytest
+from data.places.gps_pictures import add_gps
+from data.reconstructions.written import WRITERS
+from PIL import Image
+
+from sextant.applications.walks.posed_images import posed_images
+from sextant.data.localization.pose_formats import write_tum
+from sextant.errors import UserError
+
+COUNT = 6
+POSES = np.column_stack([2.0 * np.arange(COUNT), 0.3 * np.arange(COUNT), np.full(COUNT, 0.15)])
+NAMES = [f"{k}.png" for k in range(COUNT)]
+
+
+@pytest.fixture
+def images(tmp_path):
+    (tmp_path / "images").mkdir()
+    for k, name in enumerate(NAMES):
+        Image.new("RGB", (48, 36), (40 * k, 20, 30)).save(tmp_path / "images" / name)
+    return tmp_path
+
+
+def in_space(poses):
+    """World with z up, and cameras that look along their headings."""
+    matrices = np.tile(np.eye(4), (len(poses), 1, 1))
+    for matrix, (x, y, turn) in zip(matrices, poses, strict=True):
+        c, s = np.cos(turn), np.sin(turn)
+        matrix[:3, :3] = [[s, 0, c], [-c, 0, s], [0, -1, 0]]
+        matrix[:2, 3] = x, y
+    return matrices
+
+
+def table(folder):
+    rows = [f"{name},{x},{y},{np.degrees(turn)}" for name, (x, y, turn) in zip(NAMES, POSES, strict=True)]
+    (folder / "images" / "poses.csv").write_text("\n".join(["file,x,y,heading", *rows]))
+
+
+def tum(folder):
+    write_tum(folder / "trajectory.txt", np.arange(COUNT, dtype=float), POSES)
+
+
+def named(kind):
+    def write(folder):
+        file, writer = WRITERS[kind]
+        (folder / "sparse").mkdir()
+        prefix = "images/" if kind == "nerfstudio" else ""
+        writer(folder / "sparse" / file, [prefix + name for name in NAMES], in_space(POSES))
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "write", [table, tum, *map(named, WRITERS)], ids=["csv", "tum", *WRITERS]
+)  # fmt: skip
+def test_poses_of_every_format_are_found(images, write):
+    write(images)
+    found = posed_images(images)
+    assert [path.name for path in found.paths] == NAMES
+    np.testing.assert_allclose(found.poses, POSES, atol=1e-6)
+    assert found.source.is_file()
+
+
+def test_gps_in_the_images_will_do(images):
+    for k, name in enumerate(NAMES):
+        add_gps(images / "images" / name, 3.0 * k, 0.0, 90.0)
+    np.testing.assert_allclose(posed_images(images).poses[:, 0], 3.0 * np.arange(COUNT), atol=0.01)
+
+
+def test_without_poses_it_says_what_was_looked_for(images):
+    with pytest.raises(UserError, match=r"no file there has poses of its images, nor has their EXIF"):
+        posed_images(images)
+    (images / "poses.txt").write_text("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n")
+    with pytest.raises(UserError, match=r"poses.txt: .*time 0.000000 is not after"):
+        posed_images(images)
+    with pytest.raises(UserError, match="there is no such folder"):
+        posed_images(images / "gone")
