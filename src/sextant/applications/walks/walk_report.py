@@ -3,25 +3,23 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
 from sextant.applications.localization.localizer import Localizer
+from sextant.applications.walks.walk import Walk
 from sextant.atomic_files import write_atomically, write_json
 from sextant.reports.tables import NOTHING, TextTable
-
-if TYPE_CHECKING:
-    from sextant.applications.walks.walking import Walk
 
 #: images that are shown before and after
 MOST_SHOWN = 6
 
 
 def write_walk_report(
-    walk: "Walk",
+    walk: Walk,
     shown: Sequence[tuple[int, ndarray, ndarray]],
     localizer: Localizer,
     mapped: UInt8[ndarray, "n h w 3"] | None,
@@ -56,7 +54,7 @@ def write_walk_report(
     return [output / "report.md", output / "walk.json", *files]
 
 
-def _page(walk: "Walk", unit: str) -> str:
+def _page(walk: Walk, unit: str) -> str:
     remarks = [*walk.remarks, *(f"the walk's camera: {doubt}" for doubt in walk.camera.row.get("doubts", ()))]
     if walk.map_camera:
         remarks += [f"the map's camera: {doubt}" for doubt in walk.map_camera.row.get("doubts", ())]
@@ -79,7 +77,7 @@ def _page(walk: "Walk", unit: str) -> str:
     ])  # fmt: skip
 
 
-def _poses(walk: "Walk", unit: str) -> TextTable:
+def _poses(walk: Walk, unit: str) -> TextTable:
     told = [row.told for row in walk.rows]
     known = np.array([each.sigmas for each in told if not each.lost]).reshape(-1, 3)
     lost = sum(each.lost for each in told)
@@ -97,7 +95,7 @@ def _poses(walk: "Walk", unit: str) -> TextTable:
     return TextTable(["", "median [5 %, 95 %]"], rows)
 
 
-def _cameras(walk: "Walk") -> TextTable:
+def _cameras(walk: Walk) -> TextTable:
     rows = [row for row in (walk.camera.row, walk.map_camera.row if walk.map_camera else None)]
     names = ("focal length, px", "field of view, °", "k1", "tilt, °", "roll, °", "photos fused", "verdict")
     columns = [dict.fromkeys(names, NOTHING) if row is None else _camera(row, names) for row in rows]

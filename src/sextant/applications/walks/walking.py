@@ -5,9 +5,8 @@ Calibrated together, straightened through one virtual camera, described, and loc
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
@@ -19,9 +18,9 @@ from sextant.applications.kept_descriptor import Describes
 from sextant.applications.localization.found_map import find_map
 from sextant.applications.localization.localized_drive import ReplayKind, localize_drive
 from sextant.applications.localization.localizer import Localizer, Start
-from sextant.applications.localization.written_poses import Row
 from sextant.applications.walks.posed_images import PosedImages, posed_images
 from sextant.applications.walks.shared_camera import Held, SharedCamera, shared_view
+from sextant.applications.walks.walk import Walk
 from sextant.applications.walks.walk_report import MOST_SHOWN, write_walk_report
 from sextant.applications.write_errors import telling_write_errors
 from sextant.data.localization.frames import Frame, Photos
@@ -33,41 +32,6 @@ from sextant.runs.outputs_folder import default_outputs
 
 #: of a localizer's facts: the virtual camera that its images were taken with
 VIEW = "view"
-
-
-@dataclass(frozen=True, eq=False)
-class Walk:
-    """What was found.
-
-    Attributes:
-        camera: of the walk.
-        map_camera: of the map's images; None of a map that was straightened before.
-        view: the virtual camera that both look through.
-        rows: where each image was taken.
-        unseen: of the straightened images, the mean share that the camera does not show.
-        remarks: what a user should know.
-        files: that were written.
-    """
-
-    camera: SharedCamera
-    map_camera: SharedCamera | None
-    view: Pinhole
-    rows: list[Row]
-    unseen: float
-    remarks: tuple[str, ...]
-    files: tuple[Path, ...]
-
-    def facts(self) -> dict[str, Any]:
-        """The cameras and what they share as plain values."""
-        cameras = {"walk": self.camera.row, "map": self.map_camera and self.map_camera.row}
-        return {
-            "images": len(self.rows),
-            "lost": sum(row.told.lost for row in self.rows),
-            "cameras": cameras,
-            "view": self.view.facts() | {"vfov_deg": self.view.vfov_deg},
-            "unseen": self.unseen,
-            "remarks": list(self.remarks),
-        }
 
 
 def localize_walk(
@@ -156,10 +120,10 @@ def localize_walk(
         view, images = _view_of(localizer, map, camera, vfov_deg), None
     straight = _Straightened(drive, camera, view, localizer.image_size)
     found, files = localize_drive(localizer, drive, straight, output, replay=replay, smooth=smooth, progress=progress)
-    walk = Walk(camera, map_camera, view, found, straight.unseen, tuple(drive.remarks), ())
+    walk = Walk(camera, map_camera, view, found, straight.unseen, tuple(drive.remarks), tuple(files))
     with telling_write_errors(output):
         report = write_walk_report(walk, straight.shown, localizer, images, output)
-    return Walk(camera, map_camera, view, found, straight.unseen, tuple(drive.remarks), (*report, *files))
+    return replace(walk, files=(*report, *files))
 
 
 def _camera_of(

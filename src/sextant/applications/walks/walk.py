@@ -1,0 +1,44 @@
+"""What was found of a walk."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sextant.applications.localization.written_poses import Row
+from sextant.applications.walks.shared_camera import SharedCamera
+from sextant.data.photos import Pinhole
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """What was found.
+
+    Attributes:
+        camera: of the walk.
+        map_camera: of the map's images; None of a map that was straightened before.
+        view: the virtual camera that both look through.
+        rows: where each image was taken.
+        unseen: of the straightened images, the mean share that the camera does not show.
+        remarks: what a user should know.
+        files: that were written.
+    """
+
+    camera: SharedCamera
+    map_camera: SharedCamera | None
+    view: Pinhole
+    rows: list[Row]
+    unseen: float
+    remarks: tuple[str, ...]
+    files: tuple[Path, ...]
+
+    def facts(self) -> dict[str, Any]:
+        """The cameras and what they share as plain values."""
+        cameras = {"walk": self.camera.row, "map": self.map_camera and self.map_camera.row}
+        return {
+            "images": len(self.rows),
+            "lost": sum(row.told.lost for row in self.rows),
+            "cameras": cameras,
+            "view": self.view.facts() | {"vfov_deg": self.view.vfov_deg},
+            "unseen": self.unseen,
+            "remarks": list(self.remarks),
+        }
