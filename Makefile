@@ -58,6 +58,9 @@ gpu-check: $(READY) ## tests and timings on a CUDA device, at most 8 minutes, wr
 docs: $(READY) ## docs/ as a site with the API reference: outputs/site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
+notebooks: $(READY) ## run the notebooks and store what they show, about two minutes
+	PYTHONWARNINGS=ignore $(BIN)/jupyter-execute --inplace notebooks/*.ipynb
+
 lock: $(READY) ## pin every dependency anew in requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --no-emit-index-url --no-header -q -o requirements.lock
 
@@ -72,4 +75,4 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	touch $@
 
-.PHONY: help setup run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check docs lock clean
+.PHONY: help setup run test test-all test-cluster lint sweep-demo worlds-gallery report dashboard bench gpu-check docs notebooks lock clean
