@@ -119,3 +119,30 @@ def test_what_is_off_the_map_is_summed_by_weight():
 def test_numbers_out_of_range_are_named(name, value):
     with pytest.raises(ArgumentError, match=f"{name}={value} must"):
         MapSupport(line(), **{"reach": 1.0, name: value})
+
+
+def loop(step: float = 0.1) -> torch.Tensor:
+    """Poses along a square of 10 m."""
+    along = torch.arange(0, 10, step, dtype=torch.float64)
+    still = torch.zeros_like(along)
+    sides = [(along, still), (still + 10, along), (10 - along, still + 10), (still, 10 - along)]
+    turns = (0.0, math.pi / 2, math.pi, -math.pi / 2)
+    return torch.cat([torch.stack([x, y, still + turn], 1) for (x, y), turn in zip(sides, turns, strict=True)])
+
+
+def test_a_dense_map_reaches_as_far_as_its_kernel_was_learnt_to():
+    kernel = PoseKernel("rbf", (0.4, 0.6), 0.5, 1.0, 0.1)
+    assert MapSupport.of(loop(), kernel).reach == pytest.approx(0.6)
+    beside = loop() + torch.tensor([0.0, 0.2, 0.0], dtype=torch.float64)
+    assert float(MapSupport.of(loop(), kernel).share(beside).min()) > 0.99
+    assert float(MapSupport.of(loop()).share(beside).median()) < 0.01  # by its spacing of 0.1 m alone
+
+
+def test_a_kernel_learnt_along_one_line_tells_nothing_of_poses_aside():
+    kernel = PoseKernel("rbf", (3.0, 4.0), 0.5, 1.0, 0.1)
+    assert MapSupport.of(line(), kernel).reach == MapSupport.of(line()).reach
+
+
+def test_a_kernel_shorter_than_the_spacing_leaves_no_gaps():
+    kernel = PoseKernel("rbf", (0.01, 0.01), 0.5, 1.0, 0.1)
+    assert MapSupport.of(loop(), kernel).reach == MapSupport.of(loop()).reach

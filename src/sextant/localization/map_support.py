@@ -39,6 +39,8 @@ from sextant.localization.recovery.recovery import check_share
 
 #: how far a camera may be turned from the map's nearest: rad
 HEADING_REACH = math.radians(10)
+#: how far an image stands for poses beside it, in lengths of a kernel that was learnt
+LENGTHS = 1.5
 #: images that are looked at for the spacing of a map, evenly chosen, and neighbours of each
 LOOKED_AT, NEIGHBOURS = 4096, 24
 #: an image further off than so many times the nearest one is no neighbour
@@ -81,9 +83,17 @@ class MapSupport:
             check_share(name, getattr(self, name))
 
     @classmethod
-    def of(cls, poses: Float64[Tensor, "n 3"]) -> "MapSupport":
-        """With half of the map's own spacing as reach, and half of the turn between images at one place."""
-        return cls(poses, map_spacing(poses) / 2, heading_reach(poses))
+    def of(cls, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> "MapSupport":
+        """With half of the map's own spacing as reach, and half of the turn between images at one place.
+
+        Args:
+            poses: of the map's images.
+            kernel: that was learnt on them. Where it says that images reach further, up to 1.5 of its shorter length,
+                they do, unless the map runs along one line: that tells nothing of how far images reach aside.
+        """
+        learnt = 0.0 if kernel is None else LENGTHS * min(kernel.length)
+        reach = learnt if learnt <= LENGTHS * _breadth(poses) else 0.0
+        return cls(poses, max(map_spacing(poses) / 2, reach), heading_reach(poses))
 
     @cached_property
     def _near(self) -> Neighbourhoods:
@@ -159,3 +169,9 @@ def heading_reach(poses: Float64[Tensor, "n 3"]) -> float:
     turns = np.diff(values[order], axis=0)
     together = turns[(np.abs(turns[:, :2]).max(1) < LEAST_SPACING) & (turns[:, 2] > HEADING_REACH), 2]
     return max(HEADING_REACH, float(np.median(together)) / 2) if len(together) else HEADING_REACH
+
+
+def _breadth(poses: Float64[Tensor, "n 3"]) -> float:
+    """The standard deviation of positions across the line that fits them best; 0 of fewer than two."""
+    positions = poses[:, :2] - poses[:, :2].mean(0)
+    return float(torch.linalg.svdvals(positions)[-1]) / math.sqrt(len(poses)) if len(poses) > 1 else 0.0

@@ -164,8 +164,9 @@ class LocalizationRecipe(Recipe):
         from sextant.tasks.localization.validation import protocol_of
 
         faults, settings = _faults(config), test_settings(config, data)
+        kernel = None if _is_laser(config) else module.kernel.frozen()
         with self.reporter.progress("localizing", "trials") as progress:
-            outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress))
+            outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress, kernel))
         trials = [outcome.trial for outcome in outcomes]
         found = {report.name_of(o.trial, trials): report.judge(o, data.drives) for o in outcomes}
         told = report.metrics(found, data.drives)  # before anything that is measured for itself adds to the peak memory

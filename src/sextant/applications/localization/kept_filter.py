@@ -12,9 +12,10 @@ from sextant.errors import UserError
 from sextant.localization import motion, recovery, resampling
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.map_support import MapSupport
+from sextant.localization.map_support import MapSupport, map_spacing
 from sextant.localization.motion import ExponentialMotion, MotionModel
 from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
@@ -59,23 +60,26 @@ def filter_of(
 
 
 def usual_filter(
-    poses: Float64[Tensor, "n 3"], *, motion: MotionModel | None = None, recovery: Recovery | None = None
+    poses: Float64[Tensor, "n 3"],
+    kernel: PoseKernel,
+    *,
+    motion: MotionModel | None = None,
+    recovery: Recovery | None = None,
 ) -> ParticleFilter:
-    """The filter of a map of which nothing else is known: all its scales follow from the spacing of the map."""
-    support = MapSupport.of(poses)
+    """The filter of a map and its kernel, of which nothing else is known: scales follow from the map's spacing."""
+    spacing, support = map_spacing(poses), MapSupport.of(poses, kernel)
     return ParticleFilter(
-        motion or usual_motion(2 * support.reach),
+        motion or usual_motion(spacing),
         SystematicResampling(),
         recovery or BayesRestart(weigh_jitter=True),
-        MapPrior(poses, support.reach, support.heading_reach),
+        MapPrior(poses, spacing / 2, support.heading_reach),
         support=support,
     )
 
 
-def usual_radius(filter: ParticleFilter) -> float:
+def usual_radius(poses: Float64[Tensor, "n 3"]) -> float:
     """Of a mode, in the unit of positions: 2.5 times the spacing of the map."""
-    assert filter.support is not None
-    return 5 * filter.support.reach
+    return 2.5 * map_spacing(poses)
 
 
 def usual_motion(spacing: float) -> ExponentialMotion:

@@ -376,12 +376,12 @@ class Localizer:
 
             observation = CachedLocalGP(min(16, len(found)), map_evidence="mean")
         model = observation.fit(found, kernel or _fitted_kernel(found, steps))
-        filter = usual_filter(found.poses, motion=motion, recovery=recovery)
+        filter = usual_filter(found.poses, model.kernel, motion=motion, recovery=recovery)
         return cls(
             model,
             likelihood or Likelihood(tempering=TEMPERING),
             filter,
-            radius=usual_radius(filter) if radius is None else radius,
+            radius=usual_radius(filter.prior.poses) if radius is None else radius,
             adapts=likelihood is None,
             descriptor=kept,
             image_size=images.shape[1:],

@@ -138,12 +138,12 @@ def _without_settings(
     """The arguments of a localizer in a map that was not saved by one."""
     if run is not None:
         raise UserError(f"run={run}: the map in {folder} does not tell what it was described with", "Leave out run=.")
-    filter = usual_filter(saved.model.map.poses, motion=motion, recovery=recovery)
+    filter = usual_filter(saved.model.map.poses, saved.model.kernel, motion=motion, recovery=recovery)
     return {
         "model": saved.model,
         "likelihood": saved.likelihood,
         "filter": filter,
-        "radius": usual_radius(filter),
+        "radius": usual_radius(filter.prior.poses),
         "adapts": saved.likelihood.appearance_variance == 0,  # nobody fitted one
         "descriptor": KeptDescriptor(descriptor),
         "facts": saved.facts,

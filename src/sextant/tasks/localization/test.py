@@ -26,6 +26,7 @@ from sextant.localization.map_support import MapSupport
 from sextant.localization.motion import MotionModel
 from sextant.localization.observers import Observer
 from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
 from sextant.localization.resampling import Resampling
 from sextant.reporter import Advance
@@ -106,8 +107,8 @@ class TestSettings:
     replay: bool = False
     support: bool = False
 
-    def filter(self, poses: Float64[Tensor, "n 3"]) -> ParticleFilter:
-        """The filter on a map of images at these poses."""
+    def filter(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> ParticleFilter:
+        """The filter on a map of images at these poses, with the kernel that was learnt for it."""
         return ParticleFilter(
             self.motion,
             self.resampling,
@@ -115,7 +116,7 @@ class TestSettings:
             MapPrior(poses, self.spread[:2], self.spread[2]),
             ess_threshold=self.ess_threshold,
             kld=self.kld,  # type: ignore[arg-type]
-            support=MapSupport.of(poses) if self.support else None,
+            support=MapSupport.of(poses, kernel) if self.support else None,
         )
 
 
@@ -129,6 +130,7 @@ def run_trials(
     settings: TestSettings,
     make_observers: MakeObservers,
     progress: Advance | None = None,
+    kernel: PoseKernel | None = None,
 ) -> Iterator[Outcome]:
     """Localize every test drive with every fault and number of particles.
 
@@ -138,6 +140,7 @@ def run_trials(
         settings: of the filter and of the runs.
         make_observers: see there.
         progress: called with trials done and trials in all.
+        kernel: that was learnt, of a camera.
     """
     drives = data.drives
     total = len(faults) * len(drives.test) * len(settings.particle_counts)
@@ -146,7 +149,7 @@ def run_trials(
         changed = fault.data(drives)
         faulty = fault.map(changed.map, np.random.default_rng([settings.seed, 83, number]))
         observer_of = make_observers(changed.map, faulty)
-        filter = settings.filter(torch.from_numpy(faulty.poses))
+        filter = settings.filter(torch.from_numpy(faulty.poses), kernel)
         for drive in changed.test:
             runs = _laid_out(drive, fault, settings, number)
             observer = observer_of(drive)
