@@ -1,18 +1,25 @@
 """The stored reports in ``docs``: what their tables say follows from their files, and can be read."""
 
 import csv
+import statistics
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 from scipy import stats
 
+from sextant.composing.config_files import read_config_file
 from sextant.evaluation import Sample, holm, share_interval_of, stratified_difference
+from sextant.runs.outputs_folder import conf_dir
 
 DOCS = Path(__file__).parents[2] / "docs"
 REPORTS = sorted(DOCS.glob("*/**/report.md"))
 #: reports whose intervals of shares are Korn and Graubard's; those of the others are t intervals, as they say
 OF_SHARES = [path.parent for path in REPORTS if "Korn and Graubard's" in path.read_text(encoding="utf-8")]
 POOLED = sorted(path.parent for path in DOCS.glob("*/**/pooled.csv"))
+#: reports of which each run's values are stored
+BY_SEED = sorted(path.parent for path in DOCS.glob("*/**/seeds.csv"))
+SWEEPS = {"lenet_fresh": "pushpull_lenet_fresh", "nordland": "localization_nordland"}
 
 
 def rows_of(path):
@@ -39,6 +46,27 @@ def test_intervals_of_shares_follow_from_the_cells(folder):
         if float(row["spread"]):
             low, high = share_interval_of(float(row["mean"]) / 100, float(row["spread"]) / 100, int(row["seeds"]))
             assert (float(row["low"]), float(row["high"])) == pytest.approx((100 * low, 100 * high), nan_ok=True)
+
+
+@named(BY_SEED)
+def test_cells_and_contrasts_follow_from_the_values_of_each_run(folder):
+    runs = defaultdict(dict)
+    for row in rows_of(folder / "seeds.csv"):
+        if row["outcome"] == "finished":
+            runs[row["setting"], row["arm"], row["condition"]][row["pair"]] = float(row["value"])
+    for row in rows_of(folder / "cells.csv"):
+        values = list(runs[row["setting"], row["arm"], row["condition"]].values())
+        assert len(values) == int(row["seeds"])
+        assert not values or statistics.fmean(values) == pytest.approx(float(row["mean"]), abs=1e-9)
+    sweep = read_config_file(conf_dir() / "sweep" / f"{SWEEPS.get(folder.name, folder.name)}.yaml")["sweep"]
+    for row in rows_of(folder / "contrasts.csv"):
+        arms = sweep["contrasts"][row["contrast"]]
+        treated, control = (runs[row["setting"], arms[side], row["condition"]] for side in ("treatment", "control"))
+        pairs = [treated[pair] - control[pair] for pair in treated if pair in control]
+        assert len(pairs) == int(row["seeds"] or 0)
+        if len(pairs) > 1:
+            found = statistics.fmean(pairs), statistics.stdev(pairs)
+            assert found == pytest.approx((float(row["mean"]), float(row["spread"])), abs=1e-9)
 
 
 @named(POOLED)

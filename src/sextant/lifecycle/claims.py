@@ -20,6 +20,8 @@ Preset = Literal["quick", "full"]
 
 #: of the files of stored results that the claims rest on, as sha256sum writes them
 DIGESTS = "claims/results.sha256"
+#: folder of the stored tables of ``preset=quick``, by sweep
+QUICK = "claims/quick"
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,13 @@ def stored_results() -> Path:
     if not (folder / DIGESTS).is_file():
         raise UserError("the stored results are not there", "They come with the repository, in docs.")
     return folder
+
+
+def quick_tables(claims: Claims, stored: Path) -> Tables:
+    """The stored tables of ``preset=quick``; the sweeps of which there are none are left out."""
+    sweeps = dict.fromkeys(part.sweep for claim in claims.values() for part in claim.parts if part.sweep)
+    reports = {sweep: stored / QUICK / sweep for sweep in sweeps if (stored / QUICK / sweep).is_dir()}
+    return Tables(stored, reports, {sweep: "not stored" for sweep in sweeps if sweep not in reports}, "quick")
 
 
 def decide_claims(claims: Claims, tables: Tables) -> list[DecidedClaim]:
@@ -91,7 +100,11 @@ def write_board(
         for name, claim in claims.items()
         if name not in there
     }
-    text, written = board(decided, "claims", command, left_out), {}
+    again: list[DecidedClaim] = []
+    if tables.preset is None:
+        measured = {name: claim for name, claim in claims.items() if any(part.sweep for part in _measured(claim, "quick"))}
+        again = decide_claims(measured, quick_tables(claims, tables.stored))
+    text, written = board(decided, "claims", command, left_out, again), {}
     if output is not None:
         for claim in decided:
             _write(output / "claims" / f"{claim.name}.svg", picture(claim))
@@ -125,6 +138,7 @@ def digests(claims: Claims, stored: Path) -> dict[str, str]:
     """SHA-256 of the stored files that claims rest on, by path."""
     tables = Tables(stored)
     files = {tables.file(part) for claim in claims.values() for part in claim.parts}
+    files |= {path for report in quick_tables(claims, stored).reports.values() for path in report.glob("*.csv")}
     missing = sorted(path for path in files if not path.is_file())
     if missing:
         raise UserError(f"{missing[0]} is not there", "It is the table of a stored report that a claim names.")
@@ -237,7 +251,7 @@ def _decided(name: str, claim: Claim, tables: Tables) -> DecidedClaim:
         unit=claim.unit,
         matters=claim.matters,
         reason=claim.reason,
-        runs=claim.runs,
+        runs=claim.runs if tables.preset is None else f"sextant claims preset={tables.preset}",
         commands=commands,
         comparisons=comparisons,
     )

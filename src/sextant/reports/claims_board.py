@@ -24,7 +24,8 @@ count. The smallest effects that matter were written down after the stored runs 
 same for claims in the same unit where these measure the same.
 
 Stored are the tables of the sweeps' reports, with mean, spread and number of the pairs; those of `recorded.csv` are
-figures of the chapters' pages and reports, of which no pairs were kept.
+figures of the chapters' pages and reports, of which no pairs were kept. *Cut short* is what the shorter runs of
+`preset=quick` say; all of their values are stored, seed by seed, in `claims/quick`.
 
 **Multiplicity.** {estimated} of the {claims} claims are estimates; the others are counted. Were every one of their
 effects exactly at its border, {chance:.1f} at most would be expected to be called one way or the other by chance;
@@ -120,7 +121,13 @@ class DecidedClaim:
         return all(each.estimate.counted for each in self.counting)
 
 
-def board(claims: Sequence[DecidedClaim], pictures: str, command: str, left_out: Mapping[str, str]) -> str:
+def board(
+    claims: Sequence[DecidedClaim],
+    pictures: str,
+    command: str,
+    left_out: Mapping[str, str],
+    cut_short: Sequence[DecidedClaim] = (),
+) -> str:
     """The page.
 
     Args:
@@ -128,7 +135,9 @@ def board(claims: Sequence[DecidedClaim], pictures: str, command: str, left_out:
         pictures: folder of the pictures, relative to the page.
         command: that writes it.
         left_out: claims that were not measured, with the reason.
+        cut_short: the same claims as shorter runs decide them, of which there are any.
     """
+    again = {claim.name: claim for claim in cut_short}
     held, failed, open_ = (sum(c.verdict == verdict for c in claims) for verdict in ("holds", "fails", "undecided"))
     parts = [
         "# The claims of the thesis\n",
@@ -139,7 +148,7 @@ def board(claims: Sequence[DecidedClaim], pictures: str, command: str, left_out:
             ["claim", "chapter", "verdict", "effect in its favour, 95 %", "asked", "unit", "published", "seeds"],
             [_row(claim) for claim in claims],
         ).markdown(),
-        *(_section(claim, pictures) for claim in claims),
+        *(_section(claim, pictures, again.get(claim.name)) for claim in claims),
     ]
     if left_out:
         parts.append("## Not measured\n")
@@ -183,7 +192,7 @@ def _row(claim: DecidedClaim) -> list[str]:
     ]
 
 
-def _section(claim: DecidedClaim, pictures: str) -> str:
+def _section(claim: DecidedClaim, pictures: str, again: DecidedClaim | None) -> str:
     count = len(claim.counting)
     rows = []
     for each in claim.comparisons:
@@ -198,9 +207,18 @@ def _section(claim: DecidedClaim, pictures: str) -> str:
         f"(Chapter {claim.chapter}, [{claim.page}]({claim.page}).)\n\n"
         f"- Published: {claim.published}.\n"
         f"- Smallest effect that matters: {claim.matters:g} {claim.unit}: {claim.reason}.\n"
-        f"- Measured: {claim.runs}.\n\n"
+        f"- Measured: {claim.runs}.\n{'' if again is None else _cut_short(again)}\n"
         f"![intervals of the comparisons]({pictures}/{claim.name}.svg)\n\n{table.markdown()}\n"
         f"```bash\n{commands}\n```\n"
+    )
+
+
+def _cut_short(claim: DecidedClaim) -> str:
+    first = claim.deciding
+    seeds = seeds_told(first, claim.verdict, len(claim.counting))
+    return (
+        f"- Cut short (`sextant claims claim={claim.name} preset=quick`): {claim.verdict}; {first.label}: "
+        f"{first.effect()} {first.unit}{'' if seeds == NOTHING else f', seeds: {seeds}'}.\n"
     )
 
 
