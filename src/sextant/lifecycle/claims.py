@@ -102,7 +102,9 @@ def write_board(
     }
     again: list[DecidedClaim] = []
     if tables.preset is None:
-        measured = {name: claim for name, claim in claims.items() if any(part.sweep for part in _measured(claim, "quick"))}
+        measured = {
+            name: claim for name, claim in claims.items() if any(part.sweep for part in _measured(claim, "quick"))
+        }
         again = decide_claims(measured, quick_tables(claims, tables.stored))
     text, written = board(decided, "claims", command, left_out, again), {}
     if output is not None:

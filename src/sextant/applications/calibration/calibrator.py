@@ -11,7 +11,13 @@ from sextant.applications.calibration.inference import AnyPhoto, find_cameras
 from sextant.applications.calibration.jointly import Method, by_method
 from sextant.applications.calibration.one_camera import OneCamera, fuse_as_one_camera
 from sextant.applications.calibration.photo_camera import PhotoCamera
-from sextant.applications.calibration.priors import FocalPrior, check_prior, with_focal_prior
+from sextant.applications.calibration.priors import (
+    FocalPrior,
+    GravityPrior,
+    check_priors,
+    with_focal_prior,
+    with_gravity,
+)
 from sextant.applications.calibration.reporting import photo_camera
 from sextant.applications.failures import Errors, FailedPhoto, attempted, raise_failed, several
 from sextant.errors import ArgumentError
@@ -87,48 +93,63 @@ class PhotoCalibrator:
         """
         return cls(trained_camera_network(content, checkpoint, trust=trust), method)
 
-    def calibrate(self, photo: AnyPhoto, *, focal_prior: FocalPrior = None) -> PhotoCamera:
+    def calibrate(
+        self, photo: AnyPhoto, *, focal_prior: FocalPrior = None, gravity_prior: GravityPrior = None
+    ) -> PhotoCamera:
         """The camera of a photo.
 
         Args:
             photo: a file, or RGB bytes.
             focal_prior: a focal length in pixels that is known beforehand; ``exif`` for the one in the file.
+            gravity_prior: ``exif`` for what the phone's accelerometer said, where the file has it.
 
         Raises:
             UserError: the photo cannot be read, or what the network predicts is no camera.
         """
-        (found,) = self._each([("the photo" if isinstance(photo, ndarray) else str(photo), photo)], focal_prior)
+        name = "the photo" if isinstance(photo, ndarray) else str(photo)
+        (found,) = self._each([(name, photo)], focal_prior, gravity_prior)
         if isinstance(found, FailedPhoto):
             raise found.error
         return found
 
     @overload
     def calibrate_many(
-        self, photos: Iterable[AnyPhoto], *, focal_prior: FocalPrior = None, errors: Literal["raise"] = "raise"
+        self,
+        photos: Iterable[AnyPhoto],
+        *,
+        focal_prior: FocalPrior = None,
+        gravity_prior: GravityPrior = None,
+        errors: Literal["raise"] = "raise",
     ) -> list[PhotoCamera]: ...
     @overload
     def calibrate_many(
-        self, photos: Iterable[AnyPhoto], *, focal_prior: FocalPrior = None, errors: Literal["return"]
+        self,
+        photos: Iterable[AnyPhoto],
+        *,
+        focal_prior: FocalPrior = None,
+        gravity_prior: GravityPrior = None,
+        errors: Literal["return"],
     ) -> list[PhotoCamera | FailedPhoto]: ...
     def calibrate_many(
         self,
         photos: Iterable[AnyPhoto],
         *,
         focal_prior: FocalPrior = None,
+        gravity_prior: GravityPrior = None,
         errors: Errors = "raise",
     ) -> list[PhotoCamera] | list[PhotoCamera | FailedPhoto]:
         """The cameras of photos, each calibrated by itself, in their order.
 
         Args:
             photos: files, or RGB bytes.
-            focal_prior: as for :meth:`calibrate`, of all.
+            focal_prior, gravity_prior: as for :meth:`calibrate`, of all.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` has a :class:`FailedPhoto` in the
                 place of each that did.
 
         Raises:
             FailedPhotosError: photos failed; it names all of them.
         """
-        found = list(self._each(_named(several(photos, errors)), focal_prior))
+        found = list(self._each(_named(several(photos, errors)), focal_prior, gravity_prior))
         raise_failed(found, len(found), "calibrated", errors)
         return found
 
@@ -137,6 +158,7 @@ class PhotoCalibrator:
         photos: Iterable[AnyPhoto],
         *,
         focal_prior: FocalPrior = None,
+        gravity_prior: GravityPrior = None,
         errors: Errors = "raise",
     ) -> OneCamera:
         """The one camera of photos that were taken by one, with one lens setting.
@@ -144,15 +166,16 @@ class PhotoCalibrator:
         Args:
             photos: files, or RGB bytes, upright or not, of one shape; they may be scaled.
             focal_prior: as for :meth:`calibrate`; in pixels only of photos of one size.
+            gravity_prior: as for :meth:`calibrate`, of each.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` fuses the others.
 
         Raises:
             FailedPhotosError: photos failed, with ``errors="return"`` all of them.
             UserError: they cannot be of one camera, or the network gives no intervals.
         """
-        check_prior(focal_prior)
+        check_priors(focal_prior, gravity_prior)
         found = list(self._found(_named(several(photos, errors))))
-        findings = [each for each in found if isinstance(each, Finding)]
+        findings = [with_gravity(each, gravity_prior) for each in found if isinstance(each, Finding)]
         raise_failed(found, len(found), "calibrated", errors if findings else "raise")
         if not found:
             raise ArgumentError("photos=[]: there is no photo of the camera", "Give at least one.")
@@ -162,17 +185,17 @@ class PhotoCalibrator:
         return OneCamera(all_photos, fusion, doubts)
 
     def _each(
-        self, photos: Iterable[tuple[str, AnyPhoto]], focal_prior: FocalPrior
+        self, photos: Iterable[tuple[str, AnyPhoto]], focal_prior: FocalPrior, gravity_prior: GravityPrior
     ) -> Iterator[PhotoCamera | FailedPhoto]:
-        check_prior(focal_prior)
+        check_priors(focal_prior, gravity_prior)
         for found in self._found(photos):
             if isinstance(found, Finding):
-                yield attempted(found.name, self._camera, found, focal_prior)
+                yield attempted(found.name, self._camera, found, focal_prior, gravity_prior)
             else:
                 yield found
 
-    def _camera(self, found: Finding, focal_prior: FocalPrior) -> PhotoCamera:
-        return photo_camera(with_focal_prior(found, focal_prior), self.network)
+    def _camera(self, found: Finding, focal_prior: FocalPrior, gravity_prior: GravityPrior) -> PhotoCamera:
+        return photo_camera(with_focal_prior(with_gravity(found, gravity_prior), focal_prior), self.network)
 
     def _found(self, photos: Iterable[tuple[str, AnyPhoto]]) -> Iterator[Finding | FailedPhoto]:
         for found in find_cameras(self.network, photos, look_at_lines=self.method != "network"):

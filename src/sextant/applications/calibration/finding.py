@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.baselines.calibration import LineEvidence
+from sextant.baselines.calibration import GravityBelief, LineEvidence
 from sextant.data.photos import NetworkView, Photo
 from sextant.geometry import CameraParameters, K2Family, focal_from_vfov, k2_of_k1, vfov_from_focal
 
@@ -36,6 +36,7 @@ class Finding:
         strangeness: of the photo to the network.
         network_doubts: as ``doubts``, against what the network says alone.
         alone: half the widths of the intervals by this photo alone, where ``half`` is fused with others.
+        gravity: that counts for ``camera`` beside the picture.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Finding:
     strangeness: float = 0.0
     network_doubts: tuple[tuple[int, str], ...] = ()
     alone: Mapping[str, Float64[ndarray, "4"]] | None = None
+    gravity: GravityBelief | None = None
 
     def doubted(self, verdict: int, *reasons: str) -> Self:
         """The same with more that speaks against it."""

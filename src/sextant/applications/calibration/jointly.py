@@ -53,13 +53,14 @@ def jointly(finding: Finding, more: Sequence[Term] = ()) -> Finding:
         finding: of a photo whose lines were looked at; by the network, or jointly already.
         more: beliefs, in heights of the photo.
     """
-    said = finding.network or finding
+    said = replace(finding.network or finding, gravity=finding.gravity)
     assert said.lines is not None
     longer = said.lines.longer
     beliefs: list[Term] = [PhotoPrior(longer)]
     if said.trusts_network:
         beliefs = [network := network_belief(said), PhotoPrior(longer, _held(network))]
-    found = joint_estimate(said.lines, [*beliefs, *more])
+    down = [said.gravity] if said.gravity else []
+    found = joint_estimate(said.lines, [*beliefs, *down, *more])
     joint = _adopted(said, found, longer)
     if found.ends:
         joint = joint.doubted(1, f"at an end of what is searched: {', '.join(found.ends)}; the truth may lie beyond")

@@ -1,6 +1,7 @@
-"""A focal length that is known beforehand: by EXIF, or because the user knows it."""
+"""What is known beforehand: a focal length by EXIF or by the user, and gravity by the phone's accelerometer."""
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate
 from sextant.applications.calibration.jointly import jointly
-from sextant.baselines.calibration import FocalBelief
+from sextant.baselines.calibration import FocalBelief, GravityBelief
 from sextant.errors import ArgumentError
 from sextant.evaluation.calibration.fusion import Prior, fuse, with_prior
 
@@ -18,10 +19,16 @@ FocalPrior = float | Literal["exif"] | None
 #: and not diagonals (4 %), lens corrections that crop. Given by hand: as a person knows it.
 PRIOR_SIGMA = {"exif": 0.05, "given": 0.02}
 PRIOR_DISAGREES = 3.0  # standard errors
+#: gravity by the accelerometer in the photo's metadata, or nothing
+GravityPrior = Literal["exif"] | None
+#: of an accelerometer in each direction: a phone held in a hand, and a sensor that is not quite square to it (radians)
+GRAVITY_SIGMA = math.radians(1.5)
 
 
-def check_prior(focal_prior: FocalPrior) -> None:
-    """Raise an ``ArgumentError`` unless it is a focal length, ``exif`` or None."""
+def check_priors(focal_prior: FocalPrior, gravity_prior: GravityPrior) -> None:
+    """Raise an ``ArgumentError`` unless they are a focal length, ``exif`` or None, and ``exif`` or None."""
+    if gravity_prior not in ("exif", None):
+        raise ArgumentError(f"gravity_prior={gravity_prior} must be None or exif", "gravity_prior=exif")
     if focal_prior is None or focal_prior == "exif":
         return
     if not (isinstance(focal_prior, int | float) and 0 < focal_prior < math.inf):
@@ -65,6 +72,28 @@ def with_focal_prior(finding: Finding, focal_prior: FocalPrior) -> Finding:
     fusion = with_prior(fuse(values[None], sigmas[None]), 0, prior)
     fused = adopt(finding, fusion, f"focal_prior={focal_prior}, normal")
     return fused.doubted(1, *disagreement(fusion.prior_z, focal_prior))
+
+
+def with_gravity(finding: Finding, gravity_prior: GravityPrior) -> Finding:
+    """The finding with the accelerometer's gravity among the evidence; where it is not used it may still cast doubt."""
+    known = finding.photo.gravity
+    if known is None:
+        asked = gravity_prior is not None
+        return finding.doubted(0, *["the metadata contain no gravity: none was used"] * asked)
+    belief = GravityBelief(known, GRAVITY_SIGMA)
+    off = np.array(belief.pose) - [float(finding.camera.tilt), float(finding.camera.roll)]
+    steep = max(math.cos(belief.pose[0]), GRAVITY_SIGMA)  # nearly straight down any roll is the same camera
+    doubts: list[str] = []
+    if (np.abs(off) > np.hypot(finding.half["95"][:2], [2 * GRAVITY_SIGMA, 2 * GRAVITY_SIGMA / steep])).any():
+        tilt, roll = (math.degrees(angle) for angle in belief.pose)
+        doubts = [
+            f"the accelerometer gives a tilt of {tilt:.0f}° and a roll of {roll:.0f}°, which the picture contradicts"
+        ]
+    if gravity_prior is None:
+        return finding.doubted(1, *doubts)
+    if finding.network is None:
+        return finding.doubted(1, *doubts, "gravity was not used: the network alone has no place for it")
+    return jointly(replace(finding, gravity=belief)).doubted(1, *doubts)
 
 
 def _jointly_with(finding: Finding, prior: Prior, focal_prior: FocalPrior) -> Finding:

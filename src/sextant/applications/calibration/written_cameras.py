@@ -10,7 +10,7 @@ from sextant.applications.calibration.collected_files import write_collected
 from sextant.applications.calibration.colmap_database import check_colmap, write_colmap
 from sextant.applications.calibration.photo_camera import PhotoCamera
 from sextant.applications.calibration.photo_files import Undistort, write_photos
-from sextant.applications.calibration.priors import FocalPrior
+from sextant.applications.calibration.priors import FocalPrior, GravityPrior
 from sextant.applications.failures import FailedPhoto, FailedPhotosError
 
 
@@ -37,6 +37,7 @@ def write_cameras(
     undistort: Undistort = "crop",
     camera: Literal["each", "one"] = "each",
     focal_prior: FocalPrior = None,
+    gravity_prior: GravityPrior = None,
     colmap: bool = False,
 ) -> WrittenCameras:
     """Calibrate photos and write everything into a folder; a photo that fails is among the rows, and the rest go on.
@@ -47,7 +48,7 @@ def write_cameras(
         output: a folder that is there.
         undistort: how photos are straightened, if they are.
         camera: ``one`` fuses all photos as those of one camera.
-        focal_prior: as for :meth:`~sextant.PhotoCalibrator.calibrate`.
+        focal_prior, gravity_prior: as for :meth:`~sextant.PhotoCalibrator.calibrate`.
         colmap: write ``colmap/database.db`` and ``colmap/priors.json`` too.
 
     Raises:
@@ -55,7 +56,9 @@ def write_cameras(
     """
     if colmap:
         check_colmap(output / "colmap")
-    found, summary = _calibrated(calibrator, paths, camera, focal_prior)
+    found, summary = _calibrated(
+        calibrator, paths, camera, {"focal_prior": focal_prior, "gravity_prior": gravity_prior}
+    )
     rows, sheet = write_photos(found, output, undistort)
     write_collected(rows, summary, sheet, output)
     files = [output / f"calibrations.{kind}" for kind in ("csv", "json", "png")]
@@ -66,13 +69,13 @@ def write_cameras(
 
 
 def _calibrated(
-    calibrator: PhotoCalibrator, paths: Sequence[Path], camera: Literal["each", "one"], focal_prior: FocalPrior
+    calibrator: PhotoCalibrator, paths: Sequence[Path], camera: Literal["each", "one"], priors: dict[str, Any]
 ) -> tuple[Sequence[PhotoCamera | FailedPhoto], dict[str, Any] | None]:
     """What was found of each photo, and the summary of the one camera, if they are of one."""
     if camera == "each":
-        return calibrator.calibrate_many(paths, focal_prior=focal_prior, errors="return"), None
+        return calibrator.calibrate_many(paths, **priors, errors="return"), None
     try:
-        one = calibrator.one_camera(paths, focal_prior=focal_prior, errors="return")
+        one = calibrator.one_camera(paths, **priors, errors="return")
     except FailedPhotosError as error:
         return error.failed, None
     return one.photos, one.row()

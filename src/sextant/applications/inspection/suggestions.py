@@ -64,6 +64,8 @@ def _calibration(seen: Seen, photos: dict[Path, PhotoHeader]) -> Iterator[Sugges
         commands.append(command("predict", input=seen.given, output="calibrated", **one))
     if all(header.focal_px for header in fine.values()):
         why += "; all have a focal length in EXIF: focal_prior=exif uses it"
+    if any(header.gravity == "accelerometer (Apple)" for header in fine.values()):
+        why += "; gravity_prior=exif uses the accelerometer of those that have it"
     yield Suggestion("calibrate the photos", why, tuple(commands))
 
 

@@ -19,7 +19,7 @@ from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import count_long, detect_segments
 from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import PlumbLine
-from sextant.baselines.calibration.terms import CameraBelief, FocalBelief, PhotoPrior, Term
+from sextant.baselines.calibration.terms import CameraBelief, FocalBelief, GravityBelief, PhotoPrior, Term
 from sextant.baselines.calibration.training_prior import prior_of_cameras
 from sextant.baselines.calibration.vanishing_points import VanishingPoints
 
@@ -32,6 +32,7 @@ __all__ = [
     "ConstantCamera",
     "Determined",
     "FocalBelief",
+    "GravityBelief",
     "JointEstimate",
     "LineEvidence",
     "PhotoPrior",

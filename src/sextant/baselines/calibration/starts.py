@@ -8,7 +8,7 @@ from sextant.baselines.calibration.estimate import CameraPrior
 from sextant.baselines.calibration.joint_problem import HEADING, K1_HAT, LOG_FOCAL, OUTLIER, JointProblem
 from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 from sextant.baselines.calibration.manhattan import camera_axes, msac_cost
-from sextant.baselines.calibration.terms import CameraBelief, PhotoPrior
+from sextant.baselines.calibration.terms import CameraBelief, GravityBelief, PhotoPrior
 from sextant.baselines.calibration.vanishing_points import FEWEST, SCORED, hypotheses, upright
 
 #: headings of a believed camera that are tried: a frame repeats after a right angle
@@ -74,6 +74,8 @@ def _believed(problem: JointProblem) -> list[Float64[ndarray, "5"]]:
             found.append([term.tilt, term.roll, 0.0, np.log(term.focal * term.zoom), k1_hat])
         elif isinstance(term, PhotoPrior):
             found.append([0.0, 0.0, 0.0, np.log(term.focal * longer), k1_hat])
+    for pose in (term.pose for term in problem.beliefs if isinstance(term, GravityBelief)):
+        found = [[*pose, *vector[2:]] for vector in found]
     return [np.array(vector) for vector in found or [[0.0, 0.0, 0.0, np.log(0.95 * longer), k1_hat]]]
 
 

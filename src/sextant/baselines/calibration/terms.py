@@ -152,6 +152,38 @@ class FocalBelief(Term):
 
 
 @dataclass(frozen=True)
+class GravityBelief(Term):
+    """Which way is down, as somebody names it: an accelerometer.
+
+    Attributes:
+        down: right, down and forward of the camera, of unit length.
+        sigma: standard deviation of each direction in which it may err, radians.
+        nu: degrees of freedom of the loss.
+    """
+
+    down: tuple[float, float, float]
+    sigma: float
+    nu: float = 3.0
+
+    @property
+    def pose(self) -> tuple[float, float]:
+        """Tilt and roll, radians."""
+        right, down, forward = self.down
+        return -math.asin(max(-1.0, min(1.0, forward))), math.atan2(right, down)
+
+    def residuals(self, vectors: Vectors) -> Float64[ndarray, "b 3"]:
+        """Of the three components of gravity."""
+        tilt, roll = vectors[:, 0], vectors[:, 1]
+        level = np.cos(tilt)
+        found = np.stack([level * np.sin(roll), level * np.cos(roll), -np.sin(tilt)], axis=1)
+        return np.asarray((found - np.array(self.down)) / self.sigma)
+
+    def loss(self, squares: Float64[ndarray, "*b m"]) -> Float64[ndarray, "3 *b m"]:
+        """Student's."""
+        return student(squares, self.nu)
+
+
+@dataclass(frozen=True)
 class PhotoPrior(Term):
     """What people's cameras are before the photo is seen: held about level, of common lenses, mostly undistorted.
 

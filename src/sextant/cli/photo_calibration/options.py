@@ -29,5 +29,7 @@ class CalibrationOptions(FocalOptions):
     """crop (default: no borders), all (every pixel is kept, with borders) or none (no straightened photos)"""
     camera: Literal["each", "one"] = Field("each", examples=["one"])
     """each (default), or one: all photos are of one camera and lens setting, and are fused"""
+    gravity_prior: Annotated[Literal["exif"] | None, NONE] = Field(None, title="none or exif", examples=["exif"])
+    """none (default), or exif: gravity by the phone's accelerometer, of photos that have it"""
     colmap: bool = Field(False, examples=["true"])
     """true: cameras and gravity as a database of COLMAP too, in <output>/colmap"""

@@ -1,11 +1,17 @@
-"""Whether a photo's metadata says which way is down.
+r"""Whether a photo's metadata says which way is down, and which way, where a phone's accelerometer says so.
 
 Apple's maker note has the accelerometer's vector (tag 8 of its directory), Mapillary's app writes it into the image
 description, DJI writes the gimbal's pitch and Google the pose of a panorama into XMP, and Exif 2.32 has the camera's
 elevation angle. Sources: ExifTool's tables "Apple", "DJI" and "XMP-GPano"; Exif 2.32, tag 0x9405.
+
+Apple's vector :math:`a` is in g, in the axes of Core Motion: right, up and out of the screen, as one looks at it; of a
+phone at rest it points down. The camera's sensor lies with its right side to the phone's lower end, so that in the
+picture as it is stored gravity is :math:`(-a_2, -a_1, -a_3)` to the right, down and forward.
 """
 
+import math
 import struct
+from fractions import Fraction
 from typing import Literal, get_args
 
 from PIL import Image
@@ -18,6 +24,14 @@ GravityTag = Literal[
 GRAVITY_TAGS: tuple[GravityTag, ...] = get_args(GravityTag)
 DESCRIPTION, MAKER_NOTE, ELEVATION_ANGLE = 0x010E, 0x927C, 0x9405
 APPLE, APPLE_ACCELERATION = b"Apple iOS\0", 0x0008
+LENS_MODEL, SIGNED_FRACTION = 0xA434, 10
+#: how far the accelerometer's reading may be from 1 g: beyond, the phone was shaken
+AT_REST = 0.1
+#: right and down of the upright picture by those of the stored one, by EXIF orientation
+UPRIGHT = {
+    1: (1, 0, 0, 1), 2: (-1, 0, 0, 1), 3: (-1, 0, 0, -1), 4: (1, 0, 0, -1),
+    5: (0, 1, 1, 0), 6: (0, -1, 1, 0), 7: (0, -1, -1, 0), 8: (0, 1, -1, 0),
+}  # fmt: skip
 
 
 def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
@@ -28,7 +42,7 @@ def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
         note, description = block.get(MAKER_NOTE), exif.get(DESCRIPTION)
     except Exception:  # metadata that cannot be read is no reason to refuse the photo
         block, note, description = {}, None, None
-    if isinstance(note, bytes) and _has_apple_tag(note, APPLE_ACCELERATION):
+    if isinstance(note, bytes) and _apple_entry(note, APPLE_ACCELERATION):
         return apple
     if "MAPAccelerometerVector" in str(description):
         return mapillary
@@ -39,10 +53,45 @@ def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
     return elevation if ELEVATION_ANGLE in block else None
 
 
-def _has_apple_tag(note: bytes, tag: int) -> bool:
-    """Whether the directory of an Apple maker note, big-endian from byte 14 on, has a tag."""
+def apple_gravity(exif: Image.Exif, width: int, height: int, orientation: int) -> tuple[float, float, float] | None:
+    """Gravity by the accelerometer in Apple's maker note: right, down, forward of the upright picture, of unit length.
+
+    Args:
+        exif: of the file.
+        width, height: of the picture as it is stored, pixels.
+        orientation: of the file by EXIF, 1 to 8.
+
+    Returns:
+        None where nothing tells it: there is no such note, the phone was shaken, the camera is the one above the
+        screen, or the picture is stored upright, turned by a program that may not have turned the note with it.
+    """
+    try:
+        block = exif.get_ifd(EXIF_BLOCK)
+        note = block.get(MAKER_NOTE)
+        if not isinstance(note, bytes) or "front" in str(block.get(LENS_MODEL, "")).lower() or height > width:
+            return None
+        entry = _apple_entry(note, APPLE_ACCELERATION)
+        if entry is None:
+            return None
+        kind, count, at = struct.unpack(">HII", entry)
+        if (kind, count) != (SIGNED_FRACTION, 3):
+            return None
+        parts = struct.unpack_from(">6i", note, at)
+        right, up, out = (float(Fraction(parts[i], parts[i + 1])) for i in (0, 2, 4))
+    except Exception:  # metadata that cannot be read is no reason to refuse the photo
+        return None
+    size = math.hypot(right, up, out)
+    if abs(size - 1) > AT_REST:
+        return None
+    a, b, c, d = UPRIGHT[orientation]
+    return (-a * up - b * right) / size, (-c * up - d * right) / size, -out / size
+
+
+def _apple_entry(note: bytes, tag: int) -> bytes | None:
+    """Type, count and value of a tag in the directory of an Apple maker note, which is big-endian from byte 14 on."""
     if not note.startswith(APPLE) or len(note) < 16:
-        return False
+        return None
     (count,) = struct.unpack_from(">H", note, 14)
     entries = (16 + 12 * k for k in range(count))
-    return any(at + 12 <= len(note) and struct.unpack_from(">H", note, at)[0] == tag for at in entries)
+    found = (at for at in entries if at + 12 <= len(note) and struct.unpack_from(">H", note, at)[0] == tag)
+    return next((note[at + 2 : at + 12] for at in found), None)

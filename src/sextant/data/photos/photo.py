@@ -17,6 +17,8 @@ class Photo:
         orientation: of the file by EXIF, 1 to 8; 1 is upright.
         exif_focal_px: focal length in pixels of the original by EXIF, or None.
         cropped: whether EXIF describes a picture of another shape, so that the lens's axis may be anywhere in this.
+        gravity: by the accelerometer of the phone that took it: right, down and forward of the upright picture, of unit
+            length; None where metadata tell none.
     """
 
     image: UInt8[ndarray, "h w 3"]
@@ -25,6 +27,7 @@ class Photo:
     orientation: int
     exif_focal_px: float | None
     cropped: bool = False
+    gravity: tuple[float, float, float] | None = None
 
     @property
     def scale(self) -> float:

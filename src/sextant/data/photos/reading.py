@@ -12,6 +12,7 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.data.photos.exif import exif_focal_px, exif_numbers, was_cropped
+from sextant.data.photos.gravity_tags import apple_gravity
 from sextant.data.photos.photo import Photo
 from sextant.data.photos.pixels import rgb_bytes
 from sextant.data.upright import TURN, exif_orientation
@@ -104,6 +105,7 @@ def _decode(image: Image.Image, path: Path) -> Photo:
     exif = exif_numbers(image)
     orientation = exif_orientation(image)
     focal, cropped = exif_focal_px(exif, width, height), was_cropped(exif, width, height)
+    gravity = None if cropped else apple_gravity(image.getexif(), width, height, orientation)
     if factor > 1:
         image.draft("RGB", (width // factor, height // factor))  # a JPEG at 1/2, 1/4 or 1/8; others ignore it
     image.load()
@@ -115,7 +117,7 @@ def _decode(image: Image.Image, path: Path) -> Photo:
         rgb = rgb.transpose(TURN[turn])
     if turn >= 5:
         width, height = height, width
-    return Photo(np.asarray(rgb), width, height, orientation, focal, cropped)
+    return Photo(np.asarray(rgb), width, height, orientation, focal, cropped, gravity)
 
 
 def _check_smallest(width: int, height: int, name: object) -> None:
