@@ -1,8 +1,8 @@
-"""Put a trained run of calibration into the zoo: ``python -m benchmarks.zoo_model run=<run> name=<name> card=<json>``.
+"""Put a trained run into the zoo: ``python -m benchmarks.zoo_model run=<run> name=<name> card=<json>``.
 
-``intervals=<run>`` is a run of the same recipe that left out panoramas which the shipped network was trained on. What
-intervals and the looks of photos rest on is measured with it on these panoramas, 40 crops of each, which count as
-independent.
+Of calibration ``intervals=<run>`` is needed too, a run of the same recipe that left out panoramas which the shipped
+network was trained on. What intervals and the looks of photos rest on is measured with it on these panoramas, 40 crops
+of each, which count as independent.
 """
 
 import json
@@ -28,10 +28,10 @@ KEYS = {
     "run": "directory or checkpoint",
     "name": "of the model",
     "card": "JSON with what the card says: data, licences, command, metrics, seeds, hardware, date",
-    "intervals": "the run on whose validation panoramas the intervals rest",
+    "intervals": "of calibration: the run on whose validation panoramas the intervals rest",
     "outputs": "folder of runs",
 }
-USAGE = "python -m benchmarks.zoo_model run=<run> name=<name> card=<facts.json> intervals=<run>"
+USAGE = "python -m benchmarks.zoo_model run=<run> name=<name> card=<facts.json> [intervals=<run>]"
 CROPS = 40  # of a panorama
 #: of a config: where a run was made, which is nobody's business
 ANYWHERE = {"paths": {"data": "data", "outputs": "outputs", "cache": "data"}}
@@ -76,11 +76,13 @@ def main() -> None:
     given = parse_arguments(sys.argv[1:], KEYS, USAGE)
     outputs = Path(given.get("outputs", default_outputs()))
     content = read_trained(resolve_run(given["run"], outputs).checkpoint)
-    kept = measured(resolve_run(given["intervals"], outputs).checkpoint)
+    trained, kept = content[KEY], {}
+    model = {"schema_version": trained["schema_version"], "task": trained["task"], "spec": trained["spec"]}
+    if trained["task"] == "calibration":
+        kept = measured(resolve_run(given["intervals"], outputs).checkpoint)
+        model["spec"] = {**trained["spec"], "validation_crops": len(kept["scores"]), "per_panorama": 1}
     weights = {name: tensor for name, tensor in content["state_dict"].items() if not name.startswith("loss.")} | kept
-    model = {name: content[KEY][name] for name in ("schema_version", "task")}
-    model["config"] = without_places(content[KEY]["config"])
-    model["spec"] = {**content[KEY]["spec"], "validation_crops": len(kept["scores"]), "per_panorama": 1}
+    model["config"] = without_places(trained["config"])
     facts = json.loads(Path(given["card"]).read_text(encoding="utf-8"))
     print(write_model(given["name"], model, weights, facts))
 

@@ -18,7 +18,7 @@ from sextant.zoo import model_file, names, read_card
 
 REFERENCE = "zoo:calibration"
 #: what every card tells
-TOLD = {"about", "licence", "data", "command", "intervals", "metrics", "hardware", "date", "seed"}
+TOLD = {"about", "licence", "data", "command", "metrics", "hardware", "date", "seed"}
 PICTURES = Path(__file__).parents[2] / "docs/worlds"
 
 
@@ -49,12 +49,13 @@ def test_every_model_has_a_card_and_is_small():
     for name in names():
         path = model_file(f"zoo:{name}")
         card = read_card(path)
-        assert card.keys() >= TOLD
+        assert card.keys() >= TOLD | ({"intervals"} if card["model"]["task"] == "calibration" else set())
         assert card["bytes"] == path.stat().st_size < 20e6
 
 
-def test_nothing_in_the_card_says_where_it_was_trained():
-    text = model_file(REFERENCE).with_suffix(".json").read_text()
+@pytest.mark.parametrize("name", names())
+def test_nothing_in_the_card_says_where_it_was_trained(name):
+    text = model_file(f"zoo:{name}").with_suffix(".json").read_text()
     for place in ("/tmp", "/home", "/work", "/root"):
         assert place not in text
 

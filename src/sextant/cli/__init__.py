@@ -13,6 +13,7 @@ VERBS = {
     "train": ("sextant.cli.train", "train and test a model, or sweep with -m"),
     "evaluate": ("sextant.cli.evaluate", "test a trained model, under other data or corruptions"),
     "predict": ("sextant.cli.predict", "classify images, calibrate photos, find places, or detect an example"),
+    "demo": ("sextant.cli.demo", "see in a browser what Sextant does, with photos of your own"),
     "inspect": ("sextant.cli.inspect", "look at your own photos, video or poses: what fits them, with the commands"),
     "walk": ("sextant.cli.walk", "localize images of an unknown camera in a map of another season"),
     "benchmark": ("sextant.cli.benchmark", "measure calibration on photos of known cameras, in one table"),
@@ -33,7 +34,7 @@ VERBS = {
 EXTRAS = {
     "train": (
         "rich", "hydra", "omegaconf", "pytorch_lightning", "torchvision", "mlflow", "yaml",
-        "matplotlib", "statsmodels", "filelock", "psutil", "joblib",
+        "matplotlib", "statsmodels", "filelock", "psutil", "joblib", "flask",
     ),
     "worlds": ("embreex", "shapely", "networkx"),
     "search": ("optuna", "cmaes"),

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
@@ -72,6 +72,16 @@ class DescribedPhotos:
     def paths(self) -> list[Path]:
         """Files of the photos that have a descriptor."""
         return [self.photos.folder / name for name in self.names]
+
+    def facts(self) -> dict[str, Any]:
+        """Plain values: the folder, how many photos could be described, and which could not."""
+        return {
+            "folder": str(self.photos.folder),
+            "photos": len(self.photos),
+            "described": len(self.index),
+            "failed": [{"photo": name, "error": why} for name, why in self.failed.items()],
+            "stretched": list(self.stretched),
+        }
 
 
 def joined(parts: Sequence[DescribedPhotos]) -> DescribedPhotos:

@@ -67,7 +67,7 @@ def predict_places(places: PlaceMap, inputs: PlaceInputs, run: Mapping[str, Any]
         "tolerance": known.tolerance.name,
         "counts": counted,
         "remarks": remarks,
-        **{key: _photo_facts(photos) for key, photos in described.items()},
+        **{key: photos.facts() for key, photos in described.items()},
     }
     write_matches(rows, facts, output)
     with work_progress("drawing", "pages") as progress:
@@ -160,13 +160,3 @@ def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: 
         f"heading_deg: {heading}}}",
     ]
     return shlex.join(words)
-
-
-def _photo_facts(described: DescribedPhotos) -> dict[str, Any]:
-    return {
-        "folder": str(described.photos.folder),
-        "photos": len(described.photos),
-        "described": len(described.index),
-        "failed": [{"photo": name, "error": why} for name, why in described.failed.items()],
-        "stretched": list(described.stretched),
-    }

@@ -1,0 +1,53 @@
+"""How alike photos of one place are, and of two: ``python -m benchmarks.same_place data=<folder>``.
+
+What ``sextant demo`` compares photos by, on pairs whose places are known: Gardens Point by day and by night, ESSEX3IN1,
+Nordland in summer and winter, some 200 places of each. Places more than ten photos apart are different ones. Written
+into ``src/sextant/applications/demonstration/alike.json``, beside what other descriptors reached.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from sextant.applications.demonstration.same_place import ALIKE, SHARES, SamePlace
+from sextant.applications.pixels import as_pixels
+from sextant.atomic_files import read_json, write_json
+from sextant.cli.arguments import parse_arguments
+from sextant.data.photo_files import find_photos
+
+SETS = {
+    "Gardens Point by day": ("gardens_point/day_left", "gardens_point/day_right"),
+    "Gardens Point by night": ("gardens_point/day_right", "gardens_point/night_right"),
+    "ESSEX3IN1": ("essex3in1/query", "essex3in1/reference"),
+    "Nordland in winter": ("nordland/summer", "nordland/winter"),
+}
+PLACES, APART = 200, 10
+KEYS = {"data": "folder of the sets"}
+USAGE = "python -m benchmarks.same_place data=<folder>"
+
+
+def main() -> None:
+    data = Path(parse_arguments(sys.argv[1:], KEYS, USAGE)["data"])
+    comparing = SamePlace.load()
+    same, other = [], []
+    for name, folders in SETS.items():
+        pairs = list(zip(*(find_photos(str(data / folder), None) for folder in folders), strict=True))
+        pairs = pairs[:: max(1, len(pairs) // PLACES)][:PLACES]
+        first, second = (
+            np.stack([as_pixels(path, comparing.size) for path in side]) for side in zip(*pairs, strict=True)
+        )
+        alike = comparing.alike(first, second)
+        apart = np.abs(np.subtract.outer(*[np.arange(len(pairs))] * 2))
+        same.append(alike[apart == 0])
+        other.append(alike[apart > APART])
+        print(f"{name}: {(same[-1][:, None] > other[-1]).mean():.2f} of one place more alike than of two")
+    quantiles = {
+        name: np.quantile(np.concatenate(each), SHARES).round(3).tolist()
+        for name, each in (("same", same), ("other", other))
+    }
+    write_json(ALIKE, {**(read_json(ALIKE) or {}), comparing.name: {"sets": list(SETS), **quantiles}})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,32 @@
+"""``sextant demo``: see what Sextant does with photos of your own, in a browser."""
+
+from collections.abc import Sequence
+from threading import Event
+
+from pydantic import Field
+
+from sextant.cli.arguments import Options
+from sextant.cli.console import console
+
+USAGE = "sextant demo [browser=false] [port=8000]"
+
+
+class DemoOptions(Options):
+    """What the user chose."""
+
+    browser: bool = Field(True, examples=["false"])
+    """false only tells the address"""
+    port: int = Field(0, ge=0, le=65535, examples=[8000])
+    """on the loopback interface; one that is free unless given"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Serve the page until Ctrl-C."""
+    options = DemoOptions.parse(arguments, USAGE)
+    from sextant.demo.serving import open_page, served
+
+    with served(options.port) as address:
+        console.print(f"[bold]{address}[/]  (Ctrl-C ends it; nothing leaves this machine, and nothing is stored)")
+        if options.browser:
+            open_page(address, console.print)
+        Event().wait()

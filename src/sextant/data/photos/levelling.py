@@ -1,0 +1,57 @@
+r"""A photo as a level camera without distortion would have taken it from the same place.
+
+A pixel of the level picture at the normalised point p is the direction :math:`R^\top (p, 1)` of the camera, with
+:math:`R = R_x(\theta) R_z(\psi)` of :func:`~sextant.geometry.rotation_from_tilt_roll`; where its lens shows that
+direction, the photo has the colour.
+"""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant.geometry import perspective_project, rotation_from_tilt_roll
+
+#: tilt (radians) beyond which a level picture would be stretched out of all proportion
+STEEPEST = math.radians(30)
+
+
+def level_photo(
+    image: UInt8[ndarray, "h w 3"], tilt: float, roll: float, focal: float, k1: float, k2: float
+) -> tuple[UInt8[ndarray, "h w 4"], bool]:
+    """The picture of the same size without roll and distortion and, up to :data:`STEEPEST`, without tilt.
+
+    Without tilt what is vertical is so in the picture, too. It keeps the photo's middle in its own, as a lens that is
+    shifted does.
+
+    Args:
+        image: the photo.
+        tilt: of its camera, radians, positive looks up.
+        roll: of its camera, radians.
+        focal: its focal length in pixels of ``image``.
+        k1: first coefficient of its distortion.
+        k2: second coefficient.
+
+    Returns:
+        RGB and opacity, 0 where the photo shows nothing; and whether tilt was undone.
+    """
+    import cv2
+
+    height, width = image.shape[:2]
+    undone = abs(tilt) <= STEEPEST
+    leant = tilt if undone else 0.0
+    rotation = rotation_from_tilt_roll(*torch.tensor([leant, roll], dtype=torch.float64))
+    straight = focal * math.cos(leant)  # as large across as the photo, in its middle
+    x = (torch.arange(width, dtype=torch.float64) + 0.5 - width / 2) / straight
+    y = (torch.arange(height, dtype=torch.float64) + 0.5 - height / 2) / straight - math.tan(leant)
+    down, across = torch.meshgrid(y, x, indexing="ij")
+    lens = torch.tensor([focal, k1, k2], dtype=torch.float64)
+    points, seen = perspective_project(
+        torch.stack([across, down, torch.ones_like(x)[None].expand_as(down)], -1) @ rotation, *lens
+    )
+    points = torch.where(seen[..., None], points + torch.tensor([width, height]) / 2 - 0.5, -10)
+    opaque = np.dstack([image, np.full((height, width), 255, np.uint8)])
+    columns, rows = points.numpy().astype(np.float32).transpose(2, 0, 1)
+    return cv2.remap(opaque, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), undone

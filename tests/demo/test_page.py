@@ -1,0 +1,149 @@
+"""The page of the demonstration in a browser without a window, with files as a user chooses and drops them."""
+
+import pytest
+from headless import CHROMIUM, chromium
+
+from sextant.demo.answers import sample_photo
+from sextant.demo.serving import served
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium"),
+]
+#: what a section says once it has answered
+ANSWERED = """new Promise((done) => {
+  const section = document.getElementById("%s"), status = section.querySelector("[role=status]");
+  const look = () => {
+    if (!section.hasAttribute("aria-busy") && !/^$|…$/.test(status.firstChild?.data || "")) done(status.textContent);
+  };
+  new MutationObserver(look).observe(section, { attributes: true, childList: true, subtree: true });
+  look();
+})"""
+DROP = """(() => {
+  const zone = document.querySelector("%s"), given = new DataTransfer();
+  given.items.add(new File(["plain text"], "notes.txt"));
+  zone.dispatchEvent(new DragEvent("drop", { dataTransfer: given, bubbles: true, cancelable: true }));
+})()"""
+CLICK = """(() => {
+  const frame = document.querySelector("#example .frame"), box = frame.getBoundingClientRect();
+  const at = { clientX: box.left + 0.4 * box.width, clientY: box.top + 0.6 * box.height };
+  frame.dispatchEvent(new MouseEvent("click", { ...at, bubbles: true }));
+})()"""
+STROKE = """(() => {
+  const paper = document.querySelector("canvas"), box = paper.getBoundingClientRect();
+  paper.setPointerCapture = () => {};
+  for (const [kind, y] of [["pointerdown", 60], ["pointermove", 220], ["pointerup", 220]])
+    paper.dispatchEvent(new PointerEvent(kind, { clientX: box.left + 140, clientY: box.top + y, pointerId: 1 }));
+})()"""
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory):
+    with served() as address, chromium(tmp_path_factory.mktemp("profile")) as page:
+        page.open(address)
+        page.call("DOM.enable")
+        yield page
+        assert [request for request in page.requests if not request.startswith((address, "data:", "blob:"))] == []
+        assert [each for each in page.complaints if "422" not in str(each)] == []  # a mistake answered as one
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("photos")
+    for name in ("china.jpg", "flower.jpg"):
+        (folder / name).write_bytes(sample_photo(name))
+    (folder / "empty.jpg").write_bytes(b"")
+    return folder
+
+
+def choose(tab, selector, path):
+    """Choose a file as the dialogue of the browser does."""
+    section = f"document.querySelector('{selector}').closest('section')"
+    tab.run(f"{section}.querySelector('[role=status]').replaceChildren()")  # what was said before is no answer
+    root = tab.call("DOM.getDocument")["root"]["nodeId"]
+    node = tab.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+    tab.call("DOM.setFileInputFiles", nodeId=node, files=[str(path)])
+
+
+def press(tab, *keys):
+    for key in keys:
+        text = {"text": "\r"} if key == "Enter" else {}
+        for kind in ("keyDown", "keyUp"):
+            code = {"Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}[key]
+            tab.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
+
+
+def answered(tab, section):
+    return tab.run(ANSWERED % section)
+
+
+def test_a_chosen_photo_is_drawn_and_measured(tab, photos):
+    choose(tab, "#photo input[type=file]", photos / "china.jpg")
+    assert answered(tab, "photo").startswith("Answered in")
+    assert tab.run("document.querySelectorAll('#photo tbody tr').length") == 6
+    assert tab.run("document.querySelector('#photo .chip').textContent") in ("good", "weak", "not trustworthy")
+    assert tab.run("document.querySelectorAll('#photo g[data-layer=gravity] path').length") > 20
+    assert tab.run("[...document.querySelectorAll('#photo img')].map((each) => each.naturalWidth)") == [640, 640]
+    tab.run("document.querySelector('#photo input[data-layer=gravity]').click()")
+    assert tab.run("document.querySelector('#photo g[data-layer=gravity]').style.display") == "none"
+
+
+def test_a_dropped_file_that_is_no_photo_is_named(tab, photos):
+    tab.run(DROP % "#photo .drop")
+    assert answered(tab, "photo").startswith("notes.txt cannot be read as a photo (10 bytes)")
+    assert tab.run("document.querySelector('#photo .result').hidden")
+    choose(tab, "#photo input[type=file]", photos / "empty.jpg")
+    assert answered(tab, "photo").startswith("empty.jpg is empty (0 bytes)")
+
+
+def test_two_photos_are_compared_after_the_tab_was_chosen_by_keys(tab, photos):
+    tab.run("document.getElementById('tab-photo').focus()")
+    press(tab, "ArrowRight")
+    assert tab.run("document.activeElement.id") == "tab-places"
+    assert not tab.run("document.getElementById('places').hidden")
+    choose(tab, "#places .drop:nth-of-type(1) input", photos / "china.jpg")
+    assert answered(tab, "places") == "One more photo, please."
+    choose(tab, "#places .drop:nth-of-type(2) input", photos / "flower.jpg")
+    assert answered(tab, "places").startswith("Answered in")
+    assert float(tab.run("document.querySelector('#places .similarity').textContent")) < 0.9
+    assert "of pairs of two places" in tab.run("document.querySelector('#places .lead').textContent")
+
+
+def test_an_example_is_pointed_at_by_mouse_and_by_keys(tab, photos):
+    tab.run("document.getElementById('tab-example').click()")
+    choose(tab, "#example .drop:nth-of-type(1) input", photos / "china.jpg")
+    assert answered(tab, "example").startswith("Click a thing")
+    tab.run(CLICK)
+    assert answered(tab, "example").startswith("1 of at most 3 points")
+    tab.run("document.querySelector('#example .frame').focus()")
+    press(tab, "ArrowLeft", "ArrowUp", "Enter")
+    assert answered(tab, "example").startswith("2 of at most 3 points")
+    tab.run("document.querySelector('#example .find').click()")
+    assert answered(tab, "example").startswith("Answered in")
+    assert tab.run("document.querySelectorAll('#example tbody tr').length") >= 2
+    assert tab.run("document.querySelector('#example img.over').naturalWidth") > 0
+
+
+def test_a_drawn_digit_is_read_under_every_corruption(tab):
+    tab.run("document.getElementById('tab-digit').click()")
+    tab.run("document.querySelector('#digit .read').click()")
+    assert answered(tab, "digit").startswith("Draw a digit first")
+    tab.run(STROKE)
+    tab.run("document.querySelector('#digit .read').click()")
+    assert answered(tab, "digit").startswith("Answered in")
+    assert tab.run("document.querySelectorAll('#digit tbody td').length") == 95
+    assert tab.run("document.querySelector('#truth').value") == "1"
+    few = tab.run("document.querySelectorAll('#digit span.bad').length")
+    tab.run(
+        "(() => { const t = document.querySelector('#truth'); t.value = 8; t.dispatchEvent(new Event('change')); })()"
+    )
+    assert tab.run("document.querySelectorAll('#digit span.bad').length") > few + 50
+
+
+def test_it_is_not_wider_than_a_phone_in_light_and_dark(tab, tmp_path):
+    papers = set()
+    for dark in (False, True):
+        tab.look(tmp_path / "phone.png", width=390, height=800, dark=dark)
+        assert tab.run("document.documentElement.scrollWidth <= innerWidth")
+        papers.add(tab.run("getComputedStyle(document.body).backgroundColor"))
+    assert len(papers) == 2
