@@ -54,6 +54,7 @@ def main() -> None:
         ),
         "a digit": ("digit", [], {"digit": "4"}),
     }
+    print(describe_machine())
     command = [sys.executable, "-u", "-c", "from sextant.cli import main; main()", "demo", "browser=false"]
     began = time.perf_counter()
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
@@ -63,7 +64,6 @@ def main() -> None:
         address = found[0]
         with urlopen(address) as page:
             page.read()
-        print(describe_machine())
         print(f"from the command to the page: {time.perf_counter() - began:.1f} s")
         for name, question in questions.items():
             first, *more = (ask(address, *question) for _ in range(1 + AGAIN))

@@ -14,6 +14,7 @@ from sextant.cli import (
     corruptions_make,
     dashboard,
     data,
+    demo,
     gallery,
     inspect,
     predict,
@@ -213,6 +214,10 @@ def _dashboard(command: Command, words: list[str]) -> None:
     parse_arguments(words, dashboard.DashboardOptions.meanings(), command.text)
 
 
+def _demo(command: Command, words: list[str]) -> None:
+    demo.DemoOptions.parse(words, command.text)
+
+
 def _nothing(command: Command, words: list[str]) -> None:
     """Nothing to look at."""
 
@@ -233,6 +238,7 @@ VERBS = {
     "inspect": _inspect,
     "walk": _walk,
     "dashboard": _dashboard,
+    "demo": _demo,
 }
 
 

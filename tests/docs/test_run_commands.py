@@ -67,7 +67,7 @@ NOT_RUN = {
     r"^python train\.py (task=(calibration|place_recognition)|experiment=)": "renders towns; smaller in tests/tasks",
     r"^python evaluate\.py .*(dataset|checkpoint|off_the_shelf|cifar10)": "needs data and a run of it; tests/cli",
     r"^python train\.py trainer\.devices=2": "as tests/lifecycle/test_several_processes.py",
-    r"^sextant evaluate run=zoo:": "needs panoramas; tests/zoo",
+    r"^sextant evaluate run=zoo:": "needs panoramas or MNIST; tests/zoo",
     r"^(\S*python predict\.py|sextant predict) input=": "calibrates photos of one's own; tests/cli/photo_calibration",
     r"^sextant benchmark": "needs photos of known cameras; of drawn ones in tests/cli/test_benchmark.py",
     r"^python predict\.py run=": "needs a trained run of its task; smaller in tests/cli",
@@ -86,6 +86,7 @@ NOT_RUN = {
     r"^sextant sweep (status|attach|cancel)": "needs a submitted sweep; tests/lifecycle/test_launchers.py",
     r"^make (setup|run|test|lint|lock|docs|worlds-gallery|gpu-check)": "installs, or takes minutes",
     r"^(make|sextant) dashboard": "serves until it is ended; tests/tracking",
+    r"^sextant demo": "serves until it is ended; tests/demo",
     r"^source ": "an environment of the user's own",
 }
 COMMANDS = {command.text: command for command in documented()}

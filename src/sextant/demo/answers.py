@@ -52,8 +52,9 @@ class Answers:
 
     def prepare(self) -> None:
         """Load what the first questions need, while the user still looks for a photo."""
-        with self._one_at_a_time:
-            _ = self._calibrator, self._same_place, self._digits
+        for model in ("_calibrator", "_same_place", "_digits"):
+            with self._one_at_a_time:  # a question may come between
+                getattr(self, model)
 
     def answer(self, question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[str, str]) -> dict[str, Any]:
         """The answer to one of :data:`QUESTIONS`.
