@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from importlib.resources import files as files_of
 from pathlib import Path
@@ -27,6 +27,9 @@ class Answers:
 
     Files are there while their question is answered, and then they are gone. Messages call them by the names they have
     where they come from.
+
+    >>> found = Answers().answer("photo", [("house.jpg", content)], {})  # doctest: +SKIP
+    >>> print(found["verdict"], found["reasons"])  # doctest: +SKIP
     """
 
     def __init__(self) -> None:
@@ -53,7 +56,7 @@ class Answers:
     def prepare(self) -> None:
         """Load what the first questions need, while the user still looks for a photo."""
         for model in ("_calibrator", "_same_place", "_digits"):
-            with self._one_at_a_time:  # a question may come between
+            with self._one_at_a_time, suppress(UserError):  # a question may come between; it says what is wrong
                 getattr(self, model)
 
     def answer(self, question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[str, str]) -> dict[str, Any]:

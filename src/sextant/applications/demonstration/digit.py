@@ -31,6 +31,9 @@ INK, FAINT = 64, 48
 class DigitTrial:
     """Tries digits under the 19 corruptions of CIFAR-10-C at their five severities, drawn at the size of the digits.
 
+    >>> found = DigitTrial.load().answer(Path("seven.png"))  # doctest: +SKIP
+    >>> print(found["clean"], found["names"][0], found["answers"][0])  # doctest: +SKIP
+
     Args:
         networks: by name.
         errors: that the networks make on test digits, as their cards tell, by name.

@@ -29,6 +29,9 @@ class SamePlace:
     A similarity means little by itself, for descriptors differ in how alike they find any two photos. So it stands
     beside those of pairs whose places are known.
 
+    >>> found = SamePlace.load().answer(Path("day.jpg"), Path("night.jpg"))  # doctest: +SKIP
+    >>> print(found["similarity"], found["known"])  # doctest: +SKIP
+
     Args:
         places: whose descriptor compares.
         name: of the descriptor.

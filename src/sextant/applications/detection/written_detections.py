@@ -57,23 +57,3 @@ def _lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
             yield {"file": row["file"], "error": row["error"]}
         for found in row.get("detections", ()):
             yield {"file": row["file"], **found}
-
-
-def filter_facts(detector: ExampleDetector, source: Mapping[str, Any]) -> dict[str, Any]:
-    """What the filter of a detector's only example is.
-
-    Args:
-        detector: with the example.
-        source: what the filter looks through.
-    """
-    (example,) = detector.examples
-    scale = example.image.scale
-    return {
-        **source,
-        "x": round((example.point[0] + 0.5) / scale - 0.5, 2),
-        "y": round((example.point[1] + 0.5) / scale - 0.5, 2),
-        "parts": example.parts,
-        "own_response": example.own,
-        "tolerance": asdict(detector.filters.tolerance),
-        "prototype_scale": scale,
-    }
