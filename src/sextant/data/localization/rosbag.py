@@ -82,7 +82,7 @@ class Bag:
                     continue
                 name = f"image {number}"
                 try:
-                    picture = _picture(bag.message(raw, kind), kind)
+                    picture = picture_of(bag.message(raw, kind), kind)
                     yield Frame(name, picture_bytes(picture, *(size or (picture.height, picture.width, 3))))
                 except Exception as error:  # decoders raise whatever they come across in damaged bytes
                     yield Frame(
@@ -197,7 +197,16 @@ def _odometry(bag: _Opened, topic: str) -> OdometryFile:
     return OdometryFile(poses, times[fine])
 
 
-def _picture(message: Any, kind: str) -> Image.Image:
+def picture_of(message: Any, kind: str) -> Image.Image:
+    """The picture in a message of ROS, whichever library read it.
+
+    Args:
+        message: ``sensor_msgs/Image`` or ``sensor_msgs/CompressedImage``.
+        kind: which, as ``sensor_msgs/msg/Image``.
+
+    Raises:
+        ValueError: its encoding is not read here, or its data do not fit its size.
+    """
     if kind == "sensor_msgs/msg/CompressedImage":
         return Image.open(io.BytesIO(bytes(message.data)), formats=("JPEG", "PNG", "WEBP"))
     if message.encoding not in ENCODINGS:
