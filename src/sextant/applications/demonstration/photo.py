@@ -56,7 +56,11 @@ def _lines(camera: PhotoCamera, image: ndarray) -> dict[str, Any]:
     points, down = gravity_arrows(drawn)
     return {
         "horizon": _pieces(horizon),
-        "horizon_is": "in the picture" if inside.any() else "below the picture" if camera.tilt_deg > 0 else "above it",
+        "horizon_is": "in the picture"
+        if inside.any()
+        else "below the picture"
+        if camera.tilt_deg > 0
+        else "above the picture",
         "gravity": np.hstack([points, down]).round(4).tolist(),
         "grid": [piece for line in distortion_grid(drawn) for piece in _pieces(line)],
     }
