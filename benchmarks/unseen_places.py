@@ -1,113 +1,101 @@
-"""Places in sets of images that nothing was learnt from: how far confidences are right, and what centring helps.
+"""Places in sets of images that nothing was learnt from: recall, what centring helps, how far confidences are right.
 
-``python -m benchmarks.unseen_places [run=<run>] [figure=<file>.png] [data=<folder>]``
+``python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]``
 
-Without ``run=`` whitened principal components of each map alone. Sets: Gardens Point by day and by night, Essex, two
-stretches of Nordland (frames 1,650 to 2,399, which ``experiment=places_nordland`` does not train on). Each is asked
-twice: with its whole map, and with the first half of it, so that half of the queries have no place in it. What is
-fitted for a set is fitted to the others: Gardens Point's two are left out together, and so are Nordland's.
-
-Intervals: bootstrap over blocks of 20 queries that follow each other, 1,000 times.
+Each run is a network: a run of place recognition or ``zoo:places``. ``rivals=true`` puts descriptors that learn from no
+pair beside them (:mod:`benchmarks.place_rivals`); without ``run=`` they are alone. Centring and confidence are those of
+the first network. The sets are those of :mod:`benchmarks.place_sets`; for confidence each is asked twice, with its
+whole map and with the first half of it, so that half of the queries have no place in it. What is fitted for a set is
+fitted to the others: Gardens Point's two are left out together, and so are Nordland's.
 """
 
-import csv
 import os
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float32
 from numpy import ndarray
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.place_rivals import rivals
+from benchmarks.place_sets import FLOORS, PlaceSet, hits, image_sets, interval
 from sextant.applications.places.place_map import PlaceMap
-from sextant.baselines import WhitenedPCA
-from sextant.baselines.descriptor import unit_norm
 from sextant.cli.arguments import parse_arguments
-from sextant.data.places.image_files import decode_image
 from sextant.evaluation.places.match_confidence import fit_match_confidence
 from sextant.evaluation.places.positives import Positives
 from sextant.evaluation.places.posterior import fit_temperature
-from sextant.retrieval.without_mean import CENTRINGS, Centring, centred
+from sextant.retrieval.without_mean import CENTRINGS, Centring
 
-USAGE = "python -m benchmarks.unseen_places [run=<run>] [figure=<file>.png] [data=<folder>]"
-KEYS = {"run": "of place recognition", "figure": "reliability of confidences", "data": "SEXTANT_DATA unless given"}
-BLOCK, DRAWS = 20, 1000
-
-
-@dataclass(frozen=True)
-class PlaceSet:
-    """Descriptors of one set of images, rows of norm one before they are centred, and which of them show one place."""
-
-    name: str
-    family: str
-    reference: Float32[ndarray, "n d"]
-    query: Float32[ndarray, "m d"]
-    positives: Positives
-
-    def similarities(self, centring: Centring = "none") -> Float32[ndarray, "m n"]:
-        reference, query = centred(self.reference, self.query, centring)
-        return np.asarray(query @ reference.T)
+USAGE = "python -m benchmarks.unseen_places [run=<run>,...] [rivals=true] [figure=<file>.png] [data=<folder>]"
+KEYS = {
+    "run": "of place recognition, or several with commas",
+    "rivals": "true: descriptors that learn from no pair as well",
+    "figure": "reliability of confidences",
+    "data": "SEXTANT_DATA unless given",
+}
 
 
 def main(arguments: list[str]) -> None:
     given = parse_arguments(arguments, KEYS, USAGE)
-    data = Path(given.get("data", os.environ.get("SEXTANT_DATA", "data")))
-    network = PlaceMap.load(given["run"]) if "run" in given else None
-    sets = [described(*each, network) for each in image_sets(data)]
-    own = None if network is None else network.temperature.value
-    console = Console(width=150)
+    images = image_sets(Path(given.get("data", os.environ.get("SEXTANT_DATA", "data"))), floors=True)
+    runs = given["run"].split(",") if "run" in given else []
+    networks = {run: PlaceMap.load(run) for run in runs}
+    found: dict[str, list[PlaceSet]] = {run: [] for run in runs}
+    measured: dict[str, list[tuple[str, ...]]] = {}
+    for each in images:
+        for run, network in networks.items():
+            describer, size = network.descriptor.describer, network.size
+            assert describer is not None
+            found[run].append(each.described(describer.describe, size.height, size.width))
+            measured.setdefault(run, []).append(recalls(found[run][-1]))
+        if not runs or given.get("rivals") == "true":
+            for name, rival in rivals(each):
+                measured.setdefault(name, []).append(recalls(rival))
+        for name, cells in measured.items():
+            print(f"{each.name}: {name}: {cells[-1][0]}; less the running mean {cells[-1][1]}", file=sys.stderr)
+    console = Console(width=200)
+    for k, title in enumerate(("as they are", "less the running mean")):
+        console.print(
+            recall_table(title, [each.name for each in images], {n: [c[k] for c in m] for n, m in measured.items()})
+        )
+    if not runs:
+        return
+    sets = [each for each in found[runs[0]] if each.family != FLOORS]
     console.print(centring_table(sets))
-    centring = chosen_centring(sets)
-    told = calibration(sets, own)
+    told = calibration(sets, networks[runs[0]].temperature.value)
     console.print(calibration_table(told))
-    console.print(f"centring chosen with the set left out: {centring}")
-    console.print(
-        f"fitted to all sets: {fit_match_confidence([margins(*asked) for each in sets for asked in both(each)])}"
-    )
+    console.print(f"centring chosen with the set left out: {chosen_centring(sets)}")
+    asked = [pair for each in sets for pair in both(each)]
+    console.print(f"fitted to all sets: {fit_match_confidence([margins(*pair) for pair in asked])}")
+    console.print(f"and the temperature of the posterior: {shared_temperature(sets):.4f}")
     if "figure" in given:
         reliability_figure(told, Path(given["figure"]))
 
 
-def image_sets(data: Path) -> list[tuple[str, str, list[Path], list[Path], list[list[int]]]]:
-    """Name, family, files of the map and of the queries, and the map images at each query's place."""
-    found = []
-    for name, family, queries, references in (
-        ("Gardens Point, day", "gardens_point", "day_left", "day_right"),
-        ("Gardens Point, night", "gardens_point", "night_right", "day_right"),
-        ("Essex", "essex3in1", "query", "reference"),
-    ):
-        root = data / family
-        maps = sorted((root / references).iterdir())
-        number = {f"{references}/{path.name}": i for i, path in enumerate(maps)}
-        with (root / "ground_truth.csv").open() as file:
-            rows = [(row["query"], row["references"].split()) for row in csv.DictReader(file)]
-        rows = [row for row in rows if row[0].startswith(f"{queries}/") and all(each in number for each in row[1])]
-        near = [[number[each] for each in row[1]] for row in rows]
-        found.append((name, family, maps, [root / row[0] for row in rows], near))
-    summer, winter = (sorted((data / "nordland" / season).iterdir()) for season in ("summer", "winter"))
-    for name, first, end in (("Nordland, 1,650 on", 1650, 2025), ("Nordland, 2,025 on", 2025, 2400)):
-        count = end - first
-        near = [[j for j in (i - 1, i, i + 1) if 0 <= j < count] for i in range(count)]
-        found.append((name, "nordland", summer[first:end], winter[first:end], near))
-    return found
+# -- recall ------------------------------------------------------------------------------------------------------------
 
 
-def described(
-    name: str, family: str, maps: list[Path], queries: list[Path], near: list[list[int]], network: PlaceMap | None
-) -> PlaceSet:
-    height, width = (32, 64) if network is None else (network.size.height, network.size.width)
-    reference, query = (np.stack([decode_image(path, height, width, 3) for path in paths]) for paths in (maps, queries))
-    describer = WhitenedPCA(height, width).fit(reference) if network is None else network.descriptor.describer
-    assert describer is not None
-    rows = [unit_norm(np.asarray(describer.describe(images))) for images in (reference, query)]
-    return PlaceSet(name, family, rows[0], rows[1], Positives.from_lists(near, len(maps)))
+def recalls(each: PlaceSet) -> tuple[str, ...]:
+    """Recall@1 with its interval and recall@5, in per cent; as descriptors are, and less the running mean."""
+    cells = []
+    kinds: tuple[Centring, ...] = ("none", "running")
+    for kind in kinds:
+        similarities = each.similarities(kind)
+        first, fifth = (hits(similarities, each.positives, k) for k in (1, 5))
+        low, high = interval(100.0 * first)
+        cells.append(f"{100 * first.mean():.1f} [{low:.1f}, {high:.1f}] / {100 * fifth.mean():.1f}")
+    return tuple(cells)
 
 
-def hits(similarities: ndarray, positives: Positives) -> Bool[ndarray, "m"]:
-    return positives.hits(similarities.argmax(axis=1)[:, None])[:, 0]
+def recall_table(title: str, names: Iterable[str], measured: dict[str, list[str]]) -> Table:
+    """R@1 with its interval / R@5 of each method."""
+    table = Table("R@1 / R@5, %", *names, title=title)
+    for name, cells in measured.items():
+        table.add_row(name, *cells)
+    return table
 
 
 # -- centring ----------------------------------------------------------------------------------------------------------
@@ -139,16 +127,6 @@ def chosen_centring(sets: list[PlaceSet]) -> dict[str, str]:
     return chosen
 
 
-def interval(values: ndarray) -> tuple[float, float]:
-    """The 95 % interval of a mean over queries that follow each other."""
-    rng, blocks = np.random.default_rng(0), np.array_split(values, max(1, len(values) // BLOCK))
-    drawn = rng.integers(len(blocks), size=(DRAWS, len(blocks)))
-    totals, counts = np.array([block.sum() for block in blocks]), np.array([len(block) for block in blocks])
-    means = totals[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-    low, high = np.quantile(means, (0.025, 0.975))
-    return float(low), float(high)
-
-
 # -- confidence --------------------------------------------------------------------------------------------------------
 
 
@@ -170,20 +148,29 @@ def both(each: PlaceSet) -> list[tuple[ndarray, Positives]]:
 
 
 def calibration(sets: list[PlaceSet], own: float | None) -> list[Told]:
-    """Before: the posterior, with the temperature of the run's validation split, or fitted to the other sets. After:
-    by the margin, fitted to the other sets."""
+    """Before: the posterior at the temperature of the run's validation split (left out where there is none); fitted: at
+    that of the other sets; after: by the margin, fitted to the other sets."""
     told = []
     for each in sets:
         others = [other for other in sets if other.family != each.family]
         model = fit_match_confidence([margins(*asked) for other in others for asked in both(other)])
-        before = own or float(np.exp(np.mean([np.log(fit_temperature(*both(o)[0])) for o in others])))
+        temperatures = {"before": own, "fitted": shared_temperature(others)}
         found = []
         for similarities, positives in both(each):
             margin, right = margins(similarities, positives)
-            after = model.probability(margin)
-            found.append({"before": (posterior(similarities, positives, before), right), "after": (after, right)})
+            told_of = {
+                name: (posterior(similarities, positives, value), right)
+                for name, value in temperatures.items()
+                if value is not None
+            }
+            found.append(told_of | {"after": (model.probability(margin), right)})
         told.append(Told(each.name, *found))
     return told
+
+
+def shared_temperature(sets: list[PlaceSet]) -> float:
+    """The geometric mean of those that fit each set's whole map."""
+    return float(np.exp(np.mean([np.log(fit_temperature(*both(each)[0])) for each in sets])))
 
 
 def width(positives: Positives) -> int:
@@ -210,13 +197,13 @@ def posterior(similarities: ndarray, positives: Positives, temperature: float) -
 
 def calibration_table(told: list[Told]) -> Table:
     """Mean confidence less share right, in points, with its interval; before and after."""
-    table = Table("set", "right, %", "before", "after", "half the map: right, %", "before", "after")
+    methods = list(told[0].whole)
+    table = Table("set", "right, %", *methods, "half the map: right, %", *methods)
     for each in told:
         cells = []
         for kind in (each.whole, each.halved):
-            cells.append(f"{100 * kind['before'][1].mean():.1f}")
-            for method in ("before", "after"):
-                sure, right = kind[method]
+            cells.append(f"{100 * kind['after'][1].mean():.1f}")
+            for sure, right in kind.values():
                 low, high = interval(100 * (sure - right))
                 cells.append(f"{100 * (sure - right).mean():+.1f} [{low:+.1f}, {high:+.1f}]")
         table.add_row(each.name, *cells)
@@ -231,7 +218,9 @@ def reliability_figure(told: list[Told], file: Path) -> None:
     kinds = (("whole", "whole map"), ("halved", "half the map"))
     for axes, (kind, title) in zip(figure.subplots(1, 2), kinds, strict=True):
         axes.plot([0, 1], [0, 1], color="0.7", linewidth=1)
-        for method, colour in (("before", "tab:orange"), ("after", "tab:blue")):
+        for method, colour in zip(
+            told[0].whole, ("tab:orange", "tab:green", "tab:blue")[-len(told[0].whole) :], strict=True
+        ):
             pairs = [getattr(each, kind)[method] for each in told]
             sure, right = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
             bins = np.array_split(np.argsort(sure), 10)

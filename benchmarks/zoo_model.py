@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from sextant.applications.places.run_facts import FITTED
 from sextant.cli.arguments import parse_arguments
 from sextant.config import validate
 from sextant.recipes import recipe_of
@@ -84,6 +85,8 @@ def main() -> None:
     weights = {name: tensor for name, tensor in content["state_dict"].items() if not name.startswith("loss.")} | kept
     model["config"] = without_places(trained["config"])
     facts = json.loads(Path(given["card"]).read_text(encoding="utf-8"))
+    if FITTED in facts:  # of place recognition: confidences, by benchmarks.unseen_places
+        model["spec"] = {**model["spec"], FITTED: facts.pop(FITTED)}
     print(write_model(given["name"], model, weights, facts))
 
 

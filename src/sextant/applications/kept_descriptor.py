@@ -133,9 +133,10 @@ def kept_network(checkpoint: Path, content: Mapping[str, Any] | None = None, *, 
     Raises:
         UserError: the checkpoint cannot be read or is of another task, or needs code of the user's own.
     """
-    from sextant.runs.checkpoint import KEY, load_checkpoint
+    from sextant.runs.checkpoint import KEY
+    from sextant.trained.content import read_trained
 
-    content = load_checkpoint(checkpoint) if content is None else content
+    content = read_trained(checkpoint) if content is None else content
     trained = {key: content[KEY][key] for key in ("config", "spec", "task")}
     sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
     return _network(

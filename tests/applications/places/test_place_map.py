@@ -14,8 +14,9 @@ from tiny_places import Pixels, ride, scene, tiny_checkpoint
 import sextant
 from sextant import PlaceMap
 from sextant.applications import FailedPhoto, FailedPhotosError
+from sextant.applications.kept_descriptor import kept_network
 from sextant.applications.places import described_map
-from sextant.applications.places.run_facts import Temperature
+from sextant.applications.places.run_facts import FITTED, Temperature
 from sextant.atomic_files import write_sealed_json
 from sextant.baselines import Hog, PatchNormalised, WhitenedPCA
 from sextant.baselines import Pixels as PixelBaseline
@@ -24,6 +25,7 @@ from sextant.data.places.decoded_images import ImageSize
 from sextant.errors import ArgumentError, UserError
 from sextant.evaluation.places.match_confidence import UNSEEN
 from sextant.runs.checkpoint import KEY
+from sextant.zoo import write_model
 
 SURE = Temperature(0.1)
 
@@ -96,6 +98,20 @@ def test_a_network_says_how_probable_it_is_that_its_match_is_right(rides, checkp
     assert found.found == pytest.approx(float(UNSEEN.probability(np.array([found.margin]))[0]))
     assert baseline.look_up(rides[1] / "002.png").found is None
     assert all(each.found is None for each in network.look_up_sequence(sorted(rides[1].iterdir()), length=3))
+
+
+def test_a_network_of_the_zoo_brings_the_confidences_that_were_fitted_for_it(rides, checkpoint, tmp_path):
+    content = torch.load(checkpoint, weights_only=True)
+    content[KEY]["spec"][FITTED] = {"temperature": 0.2, "slope": 3.0, "offset": 0.5}
+    path = write_model("own", content[KEY], content["state_dict"], {}, tmp_path)
+    places = PlaceMap.load(path)
+    places.add(rides[0])
+    places.save(tmp_path / "map")
+    assert kept_network(path).identity == places.descriptor.identity
+    for each in (places, PlaceMap.open(tmp_path / "map")):
+        found = each.look_up(rides[1] / "002.png")
+        assert each.temperature.value == 0.2
+        assert found.found == pytest.approx(1 / (1 + np.exp(-(3 * found.margin + 0.5))))
 
 
 def test_a_descriptor_may_be_named(rides):

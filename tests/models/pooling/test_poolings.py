@@ -8,6 +8,7 @@ from sklearn.cluster import KMeans
 
 from sextant.errors import UserError
 from sextant.models.pooling import Average, FeatureMixer, Flatten, GeM, NetVLAD
+from sextant.models.pooling.cells_and_vlad import CellsAndVLAD
 from sextant.models.pooling.gem import generalised_mean
 
 CHANNELS, SIZE = 6, (3, 4)
@@ -29,6 +30,7 @@ def made(cls, **settings):
         (Average, {}),
         (GeM, {}),
         (NetVLAD, {"clusters": 5}),
+        (CellsAndVLAD, {"clusters": 5, "grid": (2, 2)}),
         (FeatureMixer, {"out_channels": 5, "out_rows": 2, "depth": 2}),
     ],
     ids=lambda case: case[0].__name__ + "_".join(case[1]),
@@ -126,6 +128,16 @@ def test_netvlad_is_its_equation(initialised):
     x = features()
     with torch.no_grad():
         torch.testing.assert_close(pool(x), vlad_by_loops(pool, x), atol=1e-5, rtol=1e-4)
+
+
+def test_cells_stand_beside_netvlad_with_their_weight():
+    both, x = made(CellsAndVLAD, clusters=4, grid=(2, 2), cells=0.5), features()
+    with torch.no_grad():
+        found = both(x)
+        means = torch.nn.functional.adaptive_avg_pool2d(x, (2, 2)).flatten(1)
+        torch.testing.assert_close(found[:, : 4 * CHANNELS], vlad_by_loops(both, x), atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(found[:, 4 * CHANNELS :], 0.5 * means / means.norm(dim=1, keepdim=True))
+    assert found.shape[1] == both.features
 
 
 def test_netvlad_starts_at_the_centres_of_k_means_and_assigns_by_distance():

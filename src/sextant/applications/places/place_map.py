@@ -10,11 +10,10 @@ from sextant.applications.pixels import AnyImage, as_pixels
 from sextant.applications.places.described_map import DESCRIPTOR, DescribedMap, failed_photo
 from sextant.applications.places.describing import describe
 from sextant.applications.places.looked_up import LookedUp, looked_up
-from sextant.applications.places.run_facts import run_temperature
+from sextant.applications.places.run_facts import FITTED, Temperature, fitted_confidence, run_temperature
 from sextant.applications.places.saved_map import TOLERANCES, read_facts
 from sextant.data.places.tolerance import PlaceTolerance
 from sextant.errors import ArgumentError, UserError
-from sextant.evaluation.places.match_confidence import UNSEEN
 from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY
@@ -82,7 +81,9 @@ class PlaceMap(DescribedMap):
             unit: PlaceTolerance(unit, **getattr(task.test_tolerance, unit).model_dump()) for unit in TOLERANCES
         }
         kept = kept_network(found.checkpoint, content, trust=trust)
-        return cls(kept, temperature=run_temperature(found), tolerances=tolerances)
+        own = trained["spec"].get(FITTED, {}).get("temperature")
+        temperature = run_temperature(found) if own is None else Temperature(own)
+        return cls(kept, temperature=temperature, tolerances=tolerances)
 
     @classmethod
     def open(
@@ -204,7 +205,7 @@ class PlaceMap(DescribedMap):
         good = [i for i in range(len(given)) if i not in found.failed]
         if good:
             matches = self.match(FlatIndex(found.rows), k, centring=centring, sequence=sequence)
-            sure = UNSEEN if self.descriptor.facts["kind"] == "network" and centring == "none" else None
+            sure = fitted_confidence(self.descriptor.facts) if centring == "none" else None
             stretched = [i in found.stretched for i in good]
             results |= zip(good, looked_up([names[i] for i in good], stretched, described, matches, sure), strict=True)
         return [results[i] for i in range(len(given))]

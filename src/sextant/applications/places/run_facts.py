@@ -3,10 +3,14 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from sextant.evaluation.places.match_confidence import UNSEEN, MatchConfidence
 from sextant.runs.resolve import FoundRun, resolve_run
 
 #: the test fits one temperature and tells it under the protocol of every condition
 TEMPERATURE = "test/place_temperature_"
+#: of a network's spec: ``temperature``, ``slope`` and ``offset`` of its confidences, where they were fitted to scenes
+#: that it had not seen
+FITTED = "fitted_unseen"
 
 
 class Temperature(NamedTuple):
@@ -30,6 +34,18 @@ def run_temperature(found: FoundRun) -> Temperature:
     if not fitted or not isinstance(fitted[0], float) or not fitted[0] > 0:
         return Temperature(None, "the run's test told none")
     return Temperature(fitted[0])
+
+
+def fitted_confidence(facts: Mapping[str, Any]) -> MatchConfidence | None:
+    """Of matches by the margin: the network's own, or that of networks in general; None for other descriptors.
+
+    Args:
+        facts: of the descriptor, as :class:`~sextant.applications.kept_descriptor.KeptDescriptor` has them.
+    """
+    if facts["kind"] != "network":
+        return None
+    fitted = facts["spec"].get(FITTED)
+    return UNSEEN if fitted is None else MatchConfidence(fitted["slope"], fitted["offset"])
 
 
 def run_facts(given: str, found: FoundRun, model: str, trained: Mapping[str, Any]) -> dict[str, Any]:
