@@ -39,7 +39,7 @@ from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes import recipe_of
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r"`((?:python|sextant|make) [^`]+)`")
 PLACEHOLDER = re.compile(r"<[^<>]*>")

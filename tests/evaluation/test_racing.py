@@ -1,6 +1,5 @@
 """Which trials deserve another seed: what must hold of any scores, and what is saved in simulated searches."""
 
-import doctest
 from functools import partial
 
 import numpy as np
@@ -10,14 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.racing import drawn, raced, search, simulated
-from sextant.evaluation import racing as module
 from sextant.evaluation.racing import every, halving, leader, racing, seeds_run
 
 NAN = np.nan
-
-
-def test_the_example_of_the_docstring():
-    assert doctest.testmod(module).failed == 0
 
 
 def test_nothing_is_out_before_anything_is_known_of_seeds():

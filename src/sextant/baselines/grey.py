@@ -14,6 +14,9 @@ def grey_images(images: UInt8[ndarray, "n h w c"], height: int, width: int) -> F
 
     Images that have the size already are not resampled. The aspect ratio is not kept.
 
+    >>> grey_images(np.zeros((2, 48, 64, 3), np.uint8), 24, 32).shape
+    (2, 24, 32)
+
     Args:
         images: one or three channels.
         height, width: of the result, in pixels, at least 1.

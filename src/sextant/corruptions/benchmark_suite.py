@@ -23,6 +23,9 @@ Chosen = dict[str, BenchmarkCorruption[Any, Any]]
 def benchmark_set(key: str) -> BenchmarkSet:
     """The set ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
 
+    >>> benchmark_set("mnist_c").build(["fog"]).keys()
+    dict_keys(['fog'])
+
     Raises:
         UserError: there is no such set.
     """
@@ -32,17 +35,31 @@ def benchmark_set(key: str) -> BenchmarkSet:
 
 
 def cifar10_c(names: Names = None, severities: Sequence[int] | None = None, mode: Mode = "faithful") -> Chosen:
-    """Corruptions of CIFAR-10-C by name; see :meth:`.BenchmarkSet.build`."""
+    """Corruptions of CIFAR-10-C by name; see :meth:`.BenchmarkSet.build`.
+
+    >>> import torch
+    >>> images = torch.rand(2, 3, 32, 32)
+    >>> cifar10_c()["fog"](images, level=3, indices=torch.arange(2), seed=0).shape
+    torch.Size([2, 3, 32, 32])
+    """
     return CIFAR10_C.build(names, severities, mode)
 
 
 def mnist_c(names: Names = None, severities: Sequence[int] | None = None, mode: Mode = "faithful") -> Chosen:
-    """Corruptions of MNIST-C by name, by default at their published severity; see :meth:`.BenchmarkSet.build`."""
+    """Corruptions of MNIST-C by name, by default at their published severity; see :meth:`.BenchmarkSet.build`.
+
+    >>> len(mnist_c())
+    15
+    """
     return MNIST_C.build(names, severities, mode)
 
 
 def imagenet_c(names: Names = None, severities: Sequence[int] | None = None, mode: Mode = "faithful") -> Chosen:
-    """Corruptions of ImageNet-C by name; see :meth:`.BenchmarkSet.build`."""
+    """Corruptions of ImageNet-C by name; see :meth:`.BenchmarkSet.build`.
+
+    >>> list(imagenet_c(["fog", "frost"]))
+    ['frost', 'fog']
+    """
     return IMAGENET_C.build(names, severities, mode)
 
 

@@ -15,13 +15,23 @@ SLACK = 2e-4
 
 
 def to_bytes(images: Float[Tensor, "*shape"], mode: Mode = "faithful") -> UInt8[Tensor, "*shape"]:
-    """``images`` in [0, 1] as bytes: ``⌊255 y⌋`` in faithful mode, the nearest to ``255 y`` in corrected mode."""
+    """``images`` in [0, 1] as bytes: ``⌊255 y⌋`` in faithful mode, the nearest to ``255 y`` in corrected mode.
+
+    >>> to_bytes(torch.tensor([0.0, 0.501, 1.0]))
+    tensor([  0, 127, 255], dtype=torch.uint8)
+    >>> to_bytes(torch.tensor([0.0, 0.501, 1.0]), "corrected")
+    tensor([  0, 128, 255], dtype=torch.uint8)
+    """
     scaled = images.to(torch.promote_types(images.dtype, torch.float32)) * 255
     whole = scaled.add_(SLACK) if mode == "faithful" else scaled.round_()
     return whole.clamp_(0, 255).to(torch.uint8)  # the cast drops the fraction
 
 
 def eight_bit(images: Float[Tensor, "*shape"], mode: Mode = "faithful") -> Float[Tensor, "*shape"]:
-    """``images`` with the 256 values that :func:`to_bytes` leaves, in [0, 1]."""
+    """``images`` with the 256 values that :func:`to_bytes` leaves, in [0, 1].
+
+    >>> eight_bit(torch.tensor([0.0, 0.501, 1.0]))
+    tensor([0.0000, 0.4980, 1.0000])
+    """
     whole = to_bytes(images, mode)
     return (whole.to(torch.promote_types(images.dtype, torch.float32)) / 255).to(images.dtype)

@@ -85,12 +85,21 @@ class Camera(ABC):
 
 
 def heights_from_pixels(points: Float[Tensor, "*n 2"], width: int, height: int) -> Float[Tensor, "*n 2"]:
-    """Image coordinates in image heights from the centre: ``u = (column - W/2) / H``, ``v = (row - H/2) / H``, down."""
+    """Image coordinates in image heights from the centre: ``u = (column - W/2) / H``, ``v = (row - H/2) / H``, down.
+
+    >>> heights_from_pixels(torch.tensor([[0.0, 0.0], [320.0, 240.0]]), 640, 480)
+    tensor([[-0.6667, -0.5000],
+            [ 0.0000,  0.0000]])
+    """
     return (points - points.new_tensor([width / 2, height / 2])) / height
 
 
 def pixels_from_heights(points: Float[Tensor, "*n 2"], width: int, height: int) -> Float[Tensor, "*n 2"]:
-    """The inverse of :func:`heights_from_pixels`."""
+    """The inverse of :func:`heights_from_pixels`.
+
+    >>> pixels_from_heights(torch.tensor([0.0, 0.5]), 640, 480)
+    tensor([320., 480.])
+    """
     return points * height + points.new_tensor([width / 2, height / 2])
 
 

@@ -34,6 +34,11 @@ def k2_of_k1(
     ``zero``: :math:`k_2 = 0`, which for negative ``k1`` folds at :math:`r = 1/\sqrt{-3 k_1}`.
     ``free``: ``k2`` as given.
 
+    >>> k2_of_k1(torch.tensor([-0.2, 0.0, 0.2]))
+    tensor([0.0284, 0.0000, 0.0360])
+    >>> k2_of_k1(torch.tensor(-0.2), "zero")
+    tensor(0.)
+
     Raises:
         UserError: the family is unknown, is ``free`` without ``k2``, or is another with ``k2``.
     """
@@ -52,14 +57,22 @@ def k2_of_k1(
 def distort_radius(
     radius: Float[Tensor, "*#batch"], k1: Float[Tensor, "*#batch"], k2: Float[Tensor, "*#batch"]
 ) -> Float[Tensor, "*#batch"]:
-    """Distorted radius ``r (1 + k1 r^2 + k2 r^4)``, in focal lengths; odd in r, beyond the fold as well."""
+    """Distorted radius ``r (1 + k1 r^2 + k2 r^4)``, in focal lengths; odd in r, beyond the fold as well.
+
+    >>> distort_radius(torch.tensor([0.0, 0.5, 1.0]), torch.tensor(-0.2), torch.tensor(0.03))
+    tensor([0.0000, 0.4759, 0.8300])
+    """
     return radius * distortion_factor(radius * radius, k1, k2)
 
 
 def distortion_factor(
     square: Float[Tensor, "*#batch"], k1: Float[Tensor, "*#batch"], k2: Float[Tensor, "*#batch"]
 ) -> Float[Tensor, "*#batch"]:
-    """The ratio ``r_d / r = 1 + k1 s + k2 s^2`` at the squared undistorted radius ``s = r^2``: smooth at the centre."""
+    """The ratio ``r_d / r = 1 + k1 s + k2 s^2`` at the squared undistorted radius ``s = r^2``: smooth at the centre.
+
+    >>> distortion_factor(torch.tensor(0.25), torch.tensor(-0.2), torch.tensor(0.0))
+    tensor(0.9500)
+    """
     return 1 + square * (k1 + k2 * square)
 
 
@@ -67,6 +80,9 @@ def max_radius(k1: Float[Tensor, "*#batch"], k2: Float[Tensor, "*#batch"]) -> Fl
     """The fold radius: smallest r > 0 with slope ``1 + 3 k1 r^2 + 5 k2 r^4 = 0``; ``inf`` if the polynomial only rises.
 
     Differentiable where finite, except where the polynomial just touches slope 0; elsewhere its gradient is 0.
+
+    >>> max_radius(torch.tensor([-0.2, 0.2]), torch.tensor(0.0))
+    tensor([1.2910,    inf])
     """
     k1, k2 = torch.broadcast_tensors(k1, k2)
     discriminant = 9 * k1 * k1 - 20 * k2
@@ -80,7 +96,11 @@ def max_radius(k1: Float[Tensor, "*#batch"], k2: Float[Tensor, "*#batch"]) -> Fl
 
 
 def max_distorted_radius(k1: Float[Tensor, "*#batch"], k2: Float[Tensor, "*#batch"]) -> Float[Tensor, "*#batch"]:
-    """The largest distorted radius that a ray is seen at, that of the fold; ``inf`` if the polynomial only rises."""
+    """The largest distorted radius that a ray is seen at, that of the fold; ``inf`` if the polynomial only rises.
+
+    >>> max_distorted_radius(torch.tensor([-0.2, 0.2]), torch.tensor(0.0))
+    tensor([0.8607,    inf])
+    """
     fold = max_radius(k1, k2)
     return torch.where(fold.isinf(), torch.inf, distort_radius(torch.where(fold.isinf(), 0, fold), k1, k2))
 
@@ -97,6 +117,10 @@ def undistort_radius(
     :math:`\partial r/\partial r_d = 1/S`, :math:`\partial r/\partial k_1 = -r^3/S`,
     :math:`\partial r/\partial k_2 = -r^5/S`.
     S is taken as at least 0.05, next to the fold and beyond it, so that they are finite and keep their direction.
+
+    >>> k1, k2 = torch.tensor(-0.2), torch.tensor(0.03)
+    >>> undistort_radius(distort_radius(torch.tensor(0.5), k1, k2), k1, k2)
+    tensor(0.5000)
     """
     distorted, k1, k2 = torch.broadcast_tensors(distorted, k1, k2)
     radius: Tensor = _Undistort.apply(distorted, k1, k2)

@@ -19,6 +19,9 @@ class EquirectangularCamera(Camera):
     :math:`(\cos\varphi\sin\lambda, -\sin\varphi, \cos\varphi\cos\lambda)` with x right, y down, z forward.
     The left and right edges are one meridian, behind the camera.
 
+    >>> EquirectangularCamera(1024, 512).bearings(torch.tensor([512.0, 256.0])).round(decimals=4)
+    tensor([0., -0., 1.])
+
     Args:
         width: columns, twice the rows.
         height: rows.

@@ -38,6 +38,10 @@ SIZE_LIMITS = {"focal": math.inf, "vfov": math.pi}
 class CameraParameters(NamedTuple):
     """What is calibrated, one tensor each, of one shape.
 
+    >>> camera = CameraParameters(*torch.tensor([0.1, 0.0, 1.2, -0.2]))
+    >>> camera.focal
+    tensor(1.2000)
+
     Attributes:
         tilt: radians, positive looks up.
         roll: radians.
@@ -60,12 +64,20 @@ class CameraParameters(NamedTuple):
 
 
 def vfov_from_focal(focal: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
-    """Nominal vertical field of view ``2 atan(1 / (2 f))``, radians."""
+    """Nominal vertical field of view ``2 atan(1 / (2 f))``, radians.
+
+    >>> torch.rad2deg(vfov_from_focal(torch.tensor(0.5)))
+    tensor(90.)
+    """
     return 2 * torch.atan(0.5 / focal)
 
 
 def focal_from_vfov(vfov: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
-    """Focal length ``1 / (2 tan(vfov / 2))`` in image heights."""
+    """Focal length ``1 / (2 tan(vfov / 2))`` in image heights.
+
+    >>> focal_from_vfov(torch.deg2rad(torch.tensor(90.0)))
+    tensor(0.5000)
+    """
     return 0.5 / torch.tan(vfov / 2)
 
 

@@ -31,6 +31,11 @@ def perspective_bearings(
     :math:`c = (u/(f d), v/(f d), 1)` normalised, with d at the undistorted radius. The parameters broadcast against
     the points without their last dimension. Nothing is checked, so that it serves a network in training; differentiable
     in everything, the centre included. Points beyond the fold keep the d of the fold.
+
+    >>> focal, k1, k2 = torch.tensor(1.0), torch.tensor(0.0), torch.tensor(0.0)
+    >>> perspective_bearings(torch.tensor([[0.0, 0.0], [1.0, 0.0]]), focal, k1, k2)
+    tensor([[0.0000, 0.0000, 1.0000],
+            [0.7071, 0.0000, 0.7071]])
     """
     normalised = points / focal[..., None]
     square = normalised.square().sum(dim=-1)
@@ -49,6 +54,11 @@ def perspective_project(
 
     The second result is false behind the camera (``Z <= 0``) and beyond the fold radius; the point means nothing there,
     but it is finite and so are its gradients.
+
+    >>> focal, k1, k2 = torch.tensor(1.0), torch.tensor(-0.2), torch.tensor(0.0)
+    >>> perspective_project(torch.tensor([[1.0, 0.0, 2.0], [0.0, 0.0, -1.0]]), focal, k1, k2)
+    (tensor([[0.4750, 0.0000],
+            [0.0000, 0.0000]]), tensor([ True, False]))
     """
     in_front = directions[..., 2] > 0
     depth = torch.where(in_front, directions[..., 2], 1)
@@ -62,6 +72,13 @@ def perspective_project(
 @dataclass(frozen=True, eq=False)
 class PerspectiveCamera(Camera):
     """A perspective camera with radial distortion, or a batch of them with images of one size.
+
+    >>> camera = PerspectiveCamera.from_focal(1.2, 640, 480, k1=-0.2)
+    >>> camera.bearings(torch.tensor([320.0, 240.0]))
+    tensor([0., 0., 1.])
+    >>> pixels, visible = camera.project(torch.tensor([0.1, 0.0, 1.0]))
+    >>> pixels
+    tensor([377.4850, 240.0000])
 
     Args:
         focal: focal length in image heights, above 0.

@@ -13,20 +13,32 @@ from sextant.geometry._series import sinc_of_square
 
 
 def wrap_angle(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """The same angle in [-π, π), with gradient 1; angles that are there already come back bit for bit."""
+    """The same angle in [-π, π), with gradient 1; angles that are there already come back bit for bit.
+
+    >>> wrap_angle(torch.tensor([0.5, 3.5]))
+    tensor([ 0.5000, -2.7832])
+    """
     return angle - 2 * math.pi * torch.floor(angle / (2 * math.pi) + 0.5)
 
 
 def se2_compose(
     a_from_b: Float[Tensor, "*#batch 3"], b_from_c: Float[Tensor, "*#batch 3"]
 ) -> Float[Tensor, "*#batch 3"]:
-    """``a_from_c``: first ``b_from_c``, then ``a_from_b``. Also a robot's pose after the motion ``b_from_c``."""
+    """``a_from_c``: first ``b_from_c``, then ``a_from_b``. Also a robot's pose after the motion ``b_from_c``.
+
+    >>> se2_compose(torch.tensor([1.0, 2.0, torch.pi / 2]), torch.tensor([3.0, 0.0, 0.0]))
+    tensor([1.0000, 5.0000, 1.5708])
+    """
     moved = a_from_b[..., :2] + _rotate(b_from_c[..., :2], a_from_b[..., 2])
     return _pose(moved, wrap_angle(a_from_b[..., 2] + b_from_c[..., 2]))
 
 
 def se2_inverse(a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """``b_from_a``."""
+    """``b_from_a``.
+
+    >>> se2_inverse(torch.tensor([1.0, 2.0, 0.0]))
+    tensor([-1., -2., -0.])
+    """
     back = -a_from_b[..., 2]
     return _pose(_rotate(-a_from_b[..., :2], back), wrap_angle(back))
 
@@ -37,6 +49,9 @@ def se2_between(
     """``b_from_c``: the motion from pose b to pose c, seen from b.
 
     Positions are subtracted first, so far from the origin nothing more is lost than they had lost already.
+
+    >>> se2_between(torch.tensor([1.0, 2.0, 0.5]), torch.tensor([1.0, 2.0, 0.75]))
+    tensor([0.0000, 0.0000, 0.2500])
     """
     moved = _rotate(a_from_c[..., :2] - a_from_b[..., :2], -a_from_b[..., 2])
     return _pose(moved, wrap_angle(a_from_c[..., 2] - a_from_b[..., 2]))
@@ -47,6 +62,9 @@ def se2_exp(twist: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
 
     :math:`t = \begin{pmatrix}A & -B\\ B & A\end{pmatrix} v`, :math:`A = \sin\omega/\omega`,
     :math:`B = (1-\cos\omega)/\omega`; smooth at 0.
+
+    >>> se2_exp(torch.tensor([1.0, 0.0, 0.0]))
+    tensor([1., 0., 0.])
     """
     angle = twist[..., 2]
     # the chord of the arc: it points half the turn away from the start, and is shorter than the arc by sinc(half)
@@ -55,7 +73,11 @@ def se2_exp(twist: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
 
 
 def se2_log(pose: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """The twist with angle in [-π, π) whose exponential is the pose; smooth at 0."""
+    """The twist with angle in [-π, π) whose exponential is the pose; smooth at 0.
+
+    >>> se2_log(se2_exp(torch.tensor([1.0, 0.0, 0.5])))
+    tensor([1.0000, 0.0000, 0.5000])
+    """
     angle = wrap_angle(pose[..., 2])
     arc = _rotate(pose[..., :2], -angle / 2) / sinc_of_square(angle * angle / 4)[..., None]
     return _pose(arc, angle)

@@ -17,6 +17,11 @@ def rotation_from_tilt_roll(
     r"""``gravity_from_camera`` :math:`= R_x(\theta) R_z(\psi)` of a camera with tilt θ and roll ψ.
 
     ``tilt > 0`` looks up; ``roll > 0`` lowers the camera's right side, so that the picture turns counter-clockwise.
+
+    >>> rotation_from_tilt_roll(torch.tensor(0.0), torch.tensor(0.0))
+    tensor([[1., -0., 0.],
+            [0., 1., -0.],
+            [0., 0., 1.]])
     """
     tilt, roll = torch.broadcast_tensors(tilt, roll)
     ct, st, cr, sr = torch.cos(tilt), torch.sin(tilt), torch.cos(roll), torch.sin(roll)
@@ -25,7 +30,11 @@ def rotation_from_tilt_roll(
 
 
 def up_in_camera(tilt: Float[Tensor, "*#batch"], roll: Float[Tensor, "*#batch"]) -> Float[Tensor, "*#batch 3"]:
-    r"""Up in the camera frame, of length 1: :math:`(-\sin\psi\cos\theta, -\cos\psi\cos\theta, \sin\theta)`."""
+    r"""Up in the camera frame, of length 1: :math:`(-\sin\psi\cos\theta, -\cos\psi\cos\theta, \sin\theta)`.
+
+    >>> up_in_camera(torch.tensor(torch.pi / 6), torch.tensor(0.0))
+    tensor([-0.0000, -0.8660,  0.5000])
+    """
     tilt, roll = torch.broadcast_tensors(tilt, roll)
     level = torch.cos(tilt)
     return torch.stack([-torch.sin(roll) * level, -torch.cos(roll) * level, torch.sin(tilt)], dim=-1)
@@ -36,6 +45,9 @@ def tilt_roll_from_up(up: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*ba
 
     ``roll = atan2(-x, -y)``, ``tilt = atan2(z, |(x, y)|)``; a camera that looks straight up or down has no roll, and 0
     is returned, without gradient.
+
+    >>> tilt_roll_from_up(torch.tensor([0.0, -1.0, 1.0]))
+    (tensor(0.7854), tensor(-0.))
     """
     x, y, z = up.unbind(-1)
     vertical = (x == 0) & (y == 0)
@@ -45,7 +57,13 @@ def tilt_roll_from_up(up: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*ba
 
 
 def so3_hat(vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """The skew matrix with ``hat(a) b = a x b``."""
+    """The skew matrix with ``hat(a) b = a x b``.
+
+    >>> so3_hat(torch.tensor([1.0, 2.0, 3.0]))
+    tensor([[ 0., -3.,  2.],
+            [ 3.,  0., -1.],
+            [-2.,  1.,  0.]])
+    """
     x, y, z = vector.unbind(-1)
     zero = torch.zeros_like(x)
     return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).reshape(*x.shape, 3, 3)
@@ -55,6 +73,11 @@ def so3_exp(vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
     r"""The rotation about ``vector`` by its length: :math:`I + \frac{\sin a}{a}K + \frac{1-\cos a}{a^2}K^2`.
 
     (Rodrigues' formula.) Accurate and smooth everywhere, with all its derivatives at 0 too.
+
+    >>> so3_exp(torch.tensor([0.0, 0.0, torch.pi])).round(decimals=4)
+    tensor([[-1.,  0.,  0.],
+            [-0., -1.,  0.],
+            [ 0.,  0.,  1.]])
     """
     square = vector.square().sum(dim=-1)
     first, half = sinc_of_square(square), sinc_of_square(square / 4)
@@ -67,6 +90,9 @@ def so3_log(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 3"]:
     """The vector of length at most π whose exponential is ``rotation``; at length π either of the two.
 
     By the unit quaternion, which is as accurate at angle 0 as at π, where the trace of the matrix says nothing.
+
+    >>> so3_log(so3_exp(torch.tensor([0.0, 0.0, 0.5])))
+    tensor([0.0000, 0.0000, 0.5000])
     """
     quaternion = _quaternion(rotation)
     quaternion = torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)

@@ -34,6 +34,14 @@ class AntiAliasing:
 def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversion:
     """Blur before the max-pools and convolutions of ``network`` that subsample, in place.
 
+    >>> network = nn.Sequential(nn.Conv2d(3, 8, 3, stride=2, padding=1), nn.ReLU())
+    >>> conversion = anti_alias(network)
+    >>> network[0]
+    Sequential(
+      (0): Conv2d(3, 8, kernel_size=(3, 3), stride=(1, 1), padding=(1, 1))
+      (1): BlurPool2d(taps=3, stride=(2, 2), padding_mode=reflect)
+    )
+
     Args:
         taps: length of the binomial filter.
         where: pattern of module paths, as in :class:`sextant.layers.Rule`.
@@ -53,6 +61,9 @@ def anti_alias(network: nn.Module, taps: int = 3, where: str = "*") -> Conversio
 def anti_aliased_pool(pool: nn.MaxPool2d, taps: int = 3) -> nn.Sequential:
     """``pool`` with stride 1, then a blur with its stride: the same output size.
 
+    >>> anti_aliased_pool(nn.MaxPool2d(2))[0]
+    MaxPool2d(kernel_size=2, stride=1, padding=0, dilation=1, ceil_mode=False)
+
     Raises:
         ValueError: the pool rounds sizes up or returns indices.
     """
@@ -66,6 +77,9 @@ def anti_aliased_conv(conv: nn.Conv2d, taps: int = 3) -> nn.Sequential:
     """``conv`` with its stride set to 1, in place, then a blur with that stride: the same output size.
 
     A plain 1x1 convolution commutes with the blur, which then comes first and saves most of the products.
+
+    >>> anti_aliased_conv(nn.Conv2d(3, 8, 3, stride=2))[0].stride
+    (1, 1)
     """
     blur = BlurPool2d(taps, _two(conv.stride))
     conv.stride = (1, 1)

@@ -30,6 +30,9 @@ def blur_pool(
 ) -> Float[Tensor, "*b c H W"]:
     """Low-pass filter and subsample; the output is ``ceil(h / stride)`` by ``ceil(w / stride)``.
 
+    >>> blur_pool(torch.ones(1, 8, 31, 32)).shape
+    torch.Size([1, 8, 16, 16])
+
     Args:
         taps: n, the length of the filter; 1 only subsamples.
         stride: pixels between samples, for height and width.

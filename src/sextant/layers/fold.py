@@ -41,6 +41,10 @@ def fold(network: nn.Module) -> nn.Module:
     Its push-pull layers (2020) are two Conv, two ReLU and one Sub; those of 2024 have an average pool and the addition
     of the bias besides; a layer with h = 1 and α = 1 is the convolution. Outputs are those of ``network.eval()`` up to
     rounding. The copy cannot be trained on: its pull kernels no longer follow the push kernels.
+
+    >>> network = nn.Sequential(PushPullConv2d(1, 4, 3), nn.ReLU())
+    >>> any(isinstance(layer, PushPullConv2d) for layer in fold(network).modules())
+    False
     """
     folded = copy.deepcopy(network).eval().requires_grad_(False)
     if isinstance(folded, PushPullConv2d | PushPullAvgConv2d):

@@ -101,6 +101,11 @@ def inhibit(
 ) -> Conversion:
     """Replace convolutions of ``network`` by layers made of them, in place.
 
+    >>> network = nn.Sequential(nn.Conv2d(3, 8, 3), nn.ReLU())
+    >>> conversion = inhibit(network, "first", PushPullConv2d.from_conv)
+    >>> inhibited(network)
+    ['0']
+
     Args:
         where: ``first``, the first convolution in registration order; ``first_block``, those of the first stage after
             the stem (:func:`sextant.layers.first_stage_convs`), the stem left alone; ``all``, every convolution; or a
@@ -141,7 +146,11 @@ def skipped(network: nn.Module) -> dict[str, str]:
 
 
 def inhibited(network: nn.Module) -> list[str]:
-    """Paths of the layers with inhibition."""
+    """Paths of the layers with inhibition.
+
+    >>> inhibited(nn.Sequential(PushPullConv2d(1, 4, 3), nn.Conv2d(4, 4, 3)))
+    ['0']
+    """
     layers = (PushPullConv2d, PushPullAvgConv2d)
     return [path for path, module in network.named_modules() if isinstance(module, layers)]
 
@@ -150,6 +159,9 @@ def implementations(network: nn.Module, image: Tensor) -> dict[str, str]:
     """How each inhibiting layer computes its pull when the network is given ``image``; for a run to record.
 
     The network is run once on the image, in evaluation mode and without gradients.
+
+    >>> sorted(implementations(nn.Sequential(PushPullConv2d(1, 4, 3)), torch.rand(1, 1, 28, 28)))
+    ['0']
     """
     taken: dict[str, str] = {}
 

@@ -21,6 +21,10 @@ def first_stage_convs(network: nn.Module) -> list[str]:
     The resolutions are those of one run on an empty image, in evaluation mode; an error after the first stage, such as
     that of a classifier made for another image size, does not matter.
 
+    >>> from sextant.models import ResNetCifar
+    >>> first_stage_convs(ResNetCifar(3, (32, 32), 10))[:2]
+    ['layer1.0.conv1', 'layer1.0.conv2']
+
     Raises:
         ValueError: there is no such convolution.
     """

@@ -27,6 +27,9 @@ def pull_kernel_size(size: int, scale: float) -> int:
 
     ``K = floor(s h) + 1 - (floor(s h) mod 2)``; for ``h = 2`` sizes 3, 5, 7 give 7, 11, 15. ``h = 1`` keeps the size,
     and a 1x1 kernel has no pattern to stretch: ``h = 2`` makes it a 3x3 box.
+
+    >>> [pull_kernel_size(size, 2.0) for size in (1, 3, 5, 7)]
+    [3, 7, 11, 15]
     """
     if scale == 1:
         return size
@@ -40,6 +43,11 @@ def interpolation_matrix(
     """The matrix A that stretches ``size`` taps to ``pull_size``, bilinearly and with aligned corners.
 
     Every row sums to one; ``size = 1`` gives a column of ones.
+
+    >>> interpolation_matrix(2, 3)
+    tensor([[1.0000, 0.0000],
+            [0.5000, 0.5000],
+            [0.0000, 1.0000]])
     """
     return torch.tensor(hats(size, pull_size), dtype=dtype or torch.get_default_dtype(), device=device)
 
@@ -55,6 +63,9 @@ def upsample_kernel(weight: Float[Tensor, "o c kh kw"], scale: float) -> Float[T
     """The pull kernel ``k ↑ h`` before its sign is turned: ``weight`` stretched bilinearly with its corners aligned.
 
     There is no renormalisation, as in the paper's code: the L1 norm grows about 3.9 times for size 3 and ``h = 2``.
+
+    >>> upsample_kernel(torch.ones(8, 3, 5, 5), 2.0).shape
+    torch.Size([8, 3, 11, 11])
     """
     size = (pull_kernel_size(weight.shape[2], scale), pull_kernel_size(weight.shape[3], scale))
     if size == weight.shape[2:]:

@@ -47,6 +47,12 @@ def push_pull(
     With ``scale=1`` both kernels coincide and the response is exactly ``leaky_relu(conv(x), alpha)``; with ``alpha=1``
     besides, it is the plain convolution, bit for bit, and so are its gradients.
 
+    >>> x, weight = torch.rand(2, 3, 32, 32), torch.randn(8, 3, 5, 5)
+    >>> push_pull(x, weight, padding=2).shape
+    torch.Size([2, 8, 32, 32])
+    >>> torch.equal(push_pull(x, weight, scale=1.0), F.conv2d(x, weight))  # with h = 1 and α = 1 the convolution itself
+    True
+
     Args:
         weight: push kernels; kernel sides must be odd when ``scale > 1``, so that push and pull share a centre.
         bias: added inside the push's ReLU and subtracted inside the pull's.
@@ -112,6 +118,10 @@ class PushPullConv2d(InhibitedConv2d):
 
     It has the parameters of the convolution it replaces, and one more a channel only if ``train_alpha``: then the
     strengths start uniform in ``[0.5 - r, 0.5 + r]``, ``r = 1 / sqrt(in_channels * out_channels)``, and act as ReLU(α).
+
+    >>> layer = PushPullConv2d(3, 16, 3, padding=1, scale=2.0, alpha=1.0)
+    >>> layer(torch.rand(8, 3, 32, 32)).shape
+    torch.Size([8, 16, 32, 32])
 
     Args:
         scale: upsampling factor h of the pull kernel, at least 1. It is not trained: only kernel sizes that are odd

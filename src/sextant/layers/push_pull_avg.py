@@ -60,6 +60,9 @@ def push_pull_avg(
 
     The output has the size that the plain convolution would have. With ``alpha=0`` it is ``relu(conv(x)) + bias``.
 
+    >>> push_pull_avg(torch.rand(2, 3, 32, 32), torch.randn(8, 3, 5, 5), padding=2).shape
+    torch.Size([2, 8, 32, 32])
+
     Args:
         average: side of the square over which the pull is averaged, in responses; odd; 1 leaves it as it is.
         alpha: strength of the inhibition, one number or one a channel, at least 0.

@@ -46,6 +46,9 @@ def strength_path(progress: float, *, alpha: float, scale: float) -> tuple[float
     falls from 1 to 0 with h = 1: a leaky ReLU that becomes a ReLU. There h changes without effect, and in the second
     half α rises to its end.
 
+    >>> [strength_path(progress, alpha=1.0, scale=2.0) for progress in (0.0, 0.5, 1.0)]
+    [(1.0, 1.0), (0.0, 2.0), (1.0, 2.0)]
+
     Args:
         progress: from 0 to 1; beyond, the ends.
         alpha: the strength at the end.

@@ -51,6 +51,11 @@ def convert(network: nn.Module, rules: Iterable[Rule]) -> Conversion:
     places is replaced by one new module at all of them. What lies within a replaced module is left alone. The network
     itself cannot be replaced.
 
+    >>> network = nn.Sequential(nn.Conv2d(3, 8, 3), nn.ReLU(), nn.Flatten())
+    >>> conversion = convert(network, [Rule("1", lambda old: nn.GELU(), nn.ReLU)])
+    >>> network[1]
+    GELU(approximate='none')
+
     Raises:
         UserError: no module matches the pattern of a rule, or there are objections to all that do. The network is then
             as it was.
@@ -87,6 +92,9 @@ def convert(network: nn.Module, rules: Iterable[Rule]) -> Conversion:
 
 def first_conv(network: nn.Module) -> tuple[str, nn.Conv2d]:
     """Path and module of the first convolution, in registration order.
+
+    >>> first_conv(nn.Sequential(nn.Identity(), nn.Conv2d(3, 8, 3)))[0]
+    '1'
 
     Raises:
         ValueError: the network has none.

@@ -94,6 +94,10 @@ def nearest_neighbours(
 ) -> Int64[ndarray, "m k"]:
     """Indices of the k most similar reference descriptors, best first; of equal ones the lower index first.
 
+    >>> references = np.eye(3, dtype=np.float32)
+    >>> nearest_neighbours(references, np.array([[1.0, 0.5, 0.0]], np.float32), k=2)
+    array([[0, 1]])
+
     Args:
         reference, query: one descriptor a row.
         k: neighbours, in [1, n].

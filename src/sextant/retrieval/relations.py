@@ -124,6 +124,14 @@ def relations(
 ) -> Relation:
     """Which pairs of images are positives and which negatives; see the module.
 
+    >>> from types import SimpleNamespace
+    >>> places = Places(torch.tensor([[0.0], [3.0], [50.0]]))  # metres along a street
+    >>> tolerance = SimpleNamespace(positive=5.0, negative=20.0, heading_deg=None)
+    >>> relations(places, tolerance).positive
+    tensor([[False,  True, False],
+            [ True, False, False],
+            [False, False, False]])
+
     Args:
         places: of all images.
         tolerance: in the unit of their positions.

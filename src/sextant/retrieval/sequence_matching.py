@@ -52,6 +52,10 @@ def match_sequences(
 ) -> SequenceMatches:
     """The k references that fit best to the sequence of every query.
 
+    >>> ride = np.eye(6)  # every query is most similar to the reference of its own number
+    >>> match_sequences(ride, length=3).indices[:, 0]
+    array([0, 1, 2, 3, 4, 5])
+
     Args:
         similarities: higher is more alike; rows are queries, columns references, both in the order of their rides.
         k: references for each query, in [1, n].
@@ -84,6 +88,9 @@ def sequence_scores(
 
     Costs m n additions for every lag and velocity; memory for three matrices like the one given.
 
+    >>> sequence_scores(np.eye(4), length=2, velocities=[1.0])[3].argmax()
+    np.int64(3)
+
     Args:
         similarities, length, velocities, centred: as for :func:`match_sequences`.
 
@@ -114,6 +121,9 @@ def local_contrast(
 
     Mean and standard deviation are over the references within ``window // 2`` frames on either side, fewer at the ends
     of the ride. It removes what makes whole stretches of the reference look alike to a query.
+
+    >>> local_contrast(np.array([[0.8, 0.8, 0.9, 0.8, 0.8]]), window=5).argmax()
+    np.int64(2)
 
     Args:
         similarities: as for :func:`match_sequences`.

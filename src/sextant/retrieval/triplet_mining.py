@@ -163,13 +163,25 @@ def descriptor_distances(descriptors: Float[Tensor, "b d"]) -> Float[Tensor, "b 
 
 
 def gathered(triplets: Int64[Tensor, "t 3"]) -> tuple[Int64[Tensor, "u"], Int64[Tensor, "t 3"]]:
-    """The images that triplets of a training set consist of, each once, and the triplets as indices into those."""
+    """The images that triplets of a training set consist of, each once, and the triplets as indices into those.
+
+    >>> gathered(torch.tensor([[7, 9, 2], [7, 9, 4]]))
+    (tensor([2, 4, 7, 9]), tensor([[2, 3, 0],
+            [2, 3, 1]]))
+    """
     images, inverse = torch.unique(triplets, return_inverse=True)
     return images, inverse.reshape(triplets.shape)
 
 
 def all_triplets(relation: Relation) -> Int64[Tensor, "t 3"]:
-    """Every triplet of a square relation, in order of anchor, positive, negative."""
+    """Every triplet of a square relation, in order of anchor, positive, negative.
+
+    >>> positive = torch.tensor([[False, True, False], [True, False, False], [False, False, False]])
+    >>> negative = torch.tensor([[False, False, True], [False, False, True], [True, True, False]])
+    >>> all_triplets(Relation(positive, negative))
+    tensor([[0, 1, 2],
+            [1, 0, 2]])
+    """
     anchor, positive = relation.positive.nonzero().unbind(1)
     pair, negative = relation.negative[anchor].nonzero().unbind(1)
     return torch.stack([anchor[pair], positive[pair], negative], 1)

@@ -59,6 +59,7 @@ def local_poses(positions: "Sequence[GpsPosition]") -> list[Pose]:
     """Poses in the frame of the first position; headings are degrees counter-clockwise from the east of that frame.
 
     Example:
+        >>> from sextant.data.photos.gps import GpsPosition
         >>> first, second = local_poses([GpsPosition(55.7, 13.2, None, 90.0), GpsPosition(55.701, 13.2, None)])
         >>> round(second.y, 1), round(first.heading_deg), second.heading_deg
         (111.3, 0, None)

@@ -61,7 +61,12 @@ class Blur:
 
 
 def max_blur(maps: Float[Tensor, "*b h w"], sigma: float, reach: int) -> Float[Tensor, "*b h w"]:
-    """The strongest of the neighbours within ``reach``, each weighed by exp(-d²/2σ²); maps must not be negative."""
+    """The strongest of the neighbours within ``reach``, each weighed by exp(-d²/2σ²); maps must not be negative.
+
+    >>> line = torch.tensor([[0.0, 0.0, 1.0, 0.0, 0.0]])
+    >>> max_blur(line, sigma=1.0, reach=1)
+    tensor([[0.0000, 0.6065, 1.0000, 0.6065, 0.0000]])
+    """
     whole = maps.reshape(-1, *maps.shape[-2:])
     block = max(1, BLOCK // maps.shape[-2:].numel()) if maps.device.type == "cpu" else len(whole)
     return torch.cat([_max_blurred(some, sigma, reach) for some in whole.split(block)]).view(maps.shape)
@@ -83,7 +88,11 @@ def _max_blurred(maps: Float[Tensor, "n h w"], sigma: float, reach: int) -> Floa
 def gaussian_blur(
     maps: Float[Tensor, "*b h w"], sigma: float, reach: int, border: Border = "zeros"
 ) -> Float[Tensor, "*b h w"]:
-    """Convolution with a Gaussian cut off ``reach`` pixels from its centre and summing to one."""
+    """Convolution with a Gaussian cut off ``reach`` pixels from its centre and summing to one.
+
+    >>> gaussian_blur(torch.ones(1, 8, 8), sigma=1.0, reach=2, border="replicate").shape
+    torch.Size([1, 8, 8])
+    """
     return twice_convolved(padded(maps, reach, border), gaussian_line(sigma, reach))
 
 

@@ -43,8 +43,12 @@ Shift = Literal["whole", "bilinear"]
 class Cosfire(FilterParts):
     """COSFIRE filters over one bank; :meth:`configure` adds one, calling it gives the responses of all.
 
-    >>> filters = Cosfire(GaborBank()).configure(example, point=(20, 31))
-    >>> response = filters(images)  # (b, 1, h, w)
+    >>> from sextant.layers.cosfire import GaborBank
+    >>> example = torch.zeros(1, 48, 64)
+    >>> example[:, 16:32, 12:28] = 1  # a square
+    >>> filters = Cosfire(GaborBank()).configure(example, point=(20, 24))
+    >>> filters(example[None]).shape  # of images (b, 1, h, w)
+    torch.Size([1, 1, 48, 64])
 
     Bank, blur and logarithm of a map are computed once for all filters, parts and moves that share it.
 

@@ -35,6 +35,9 @@ def gabor_kernel(
 ) -> Float[Tensor, "s s"]:
     """One kernel, in float64; its side is ``2 ceil(2.5 sigma / aspect) + 1``.
 
+    >>> gabor_kernel(8.0, 0.0).shape
+    torch.Size([27, 27])
+
     Args:
         wavelength: λ, in pixels.
         theta_rad: θ, the direction across the bars, counter-clockwise from the x axis.

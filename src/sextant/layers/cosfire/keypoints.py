@@ -28,6 +28,11 @@ def keypoints(
     Peaks closer together than ``min_distance`` pixels are one (clusters by complete linkage), and the strongest speaks
     for them. Where the response is level there is no peak.
 
+    >>> response = torch.zeros(32, 32)
+    >>> response[10, 20] = 0.9
+    >>> keypoints(response, threshold=0.5)
+    [Keypoint(x=20, y=10, score=0.8999999761581421)]
+
     Args:
         most: peaks that are considered, the strongest: clusters take memory with their square.
 

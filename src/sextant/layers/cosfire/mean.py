@@ -16,6 +16,9 @@ def weighted_mean(parts: Float[Tensor, "n *b"], weights: Float[Tensor, "n"], mea
     Geometric :math:`\prod s_i^{w_i}`, arithmetic :math:`\sum w_i s_i`, harmonic :math:`(\sum w_i / s_i)^{-1}`;
     trimmed and median ignore the weights. A response of zero makes the geometric and the harmonic mean zero, with
     gradients of zero.
+
+    >>> weighted_mean(torch.tensor([0.25, 1.0]), torch.tensor([0.5, 0.5]), "geometric")
+    tensor(0.5000)
     """
     if mean == "arithmetic":
         return torch.einsum("n...,n->...", parts, weights.to(parts))

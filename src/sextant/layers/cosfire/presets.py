@@ -82,6 +82,9 @@ PRESETS: dict[str, Callable[[], Cosfire]] = {
 def preset(name: str) -> Cosfire:
     """Filters of a published application, to be configured from an example.
 
+    >>> preset("digit").bank.__class__.__name__
+    'GaborBank'
+
     Raises:
         ValueError: there is no preset of that name.
     """
