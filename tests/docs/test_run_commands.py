@@ -43,6 +43,12 @@ RUN = {
     f"python predict.py task=cosfire {PROTOTYPE}": ((), "image"),
     "python train.py task=cosfire": (QUICK_FILTERS[1:], "cosfire_svm"),
     "python train.py task=cosfire bank=gabor strategy=circles": (QUICK_FILTERS[1:] + PLAIN[2:], "cosfire_svm"),
+    "python train.py inhibition=push_pull corruption=gaussian": (
+        (*ONCE, "corruption.corruptions.gaussian.levels=[0.1]"),
+        "test/accuracy/gaussian/0.1",
+    ),
+    "python train.py task=localization 'dataset.size_m=[14, 12]' 'dataset.metres=[40, 8, 16]' dataset.every=4 "
+    "task.starts=3": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     "python train.py task=localization": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     f"python train.py task=localization {POSES}": ((*QUICK_LOCALIZER, *FRAMES), "particles"),
     f"python train.py task=localization {POSES} dataset.poses=gps dataset.protocol=town": (
