@@ -28,12 +28,15 @@ from sextant.cli.arguments import parse_arguments
 from sextant.data.localization.motions import motions_along
 from sextant.evaluation import mean_interval, share_interval
 from sextant.evaluation.protocols import TOWN_LOCALIZATION
+from sextant.figures.style import COLOURS, new_figure, plain, save_figure
 from sextant.geometry import PerspectiveCamera, level_camera_pose
 from sextant.worlds import Rays, Town, condition, drive, irregular_streets, random_walk
 
 KEYS = {
     "seeds": "how many; 8 unless given",
     "csv": "a file for the result of each seed",
+    "read": "such a file of before; nothing is measured",
+    "figure": "a picture of the result",
     "example": "a folder for the map and the drives of the first seed, which sextant walk takes; nothing is measured",
 }
 SIZE, ROWS = (320, 240), 60
@@ -161,27 +164,55 @@ def one_seed(seed: int, calibrator: PhotoCalibrator) -> list[dict]:
     return rows
 
 
+def by_belief(rows: list[dict]) -> dict[tuple[str, str, str], ndarray]:
+    """The measures of each seed, by drive, descriptor and belief."""
+    seeds = defaultdict(dict)
+    for row in rows:
+        told = [float(row[name]) for name in MEASURES]
+        seeds[row["drive"], row["descriptor"], row["belief"]][int(row["seed"])] = told
+    return {key: np.array([found[seed] for seed in sorted(found)]) for key, found in seeds.items()}
+
+
+def interval(values: ndarray, measure: int) -> tuple[float, float]:
+    """Of a mean share over seeds."""
+    return share_interval(values, len(values) * (FRAMES - JUDGED_FROM if measure else FRAMES))
+
+
 def summary(rows: list[dict]) -> list[list[str]]:
     """By drive, descriptor and belief: each measure with its interval, and its difference from the truth's."""
-    by = defaultdict(dict)
-    for row in rows:
-        by[row["drive"], row["descriptor"], row["belief"]][row["seed"]] = [float(row[name]) for name in MEASURES]
-    lines = []
-    for (name, label, belief), seeds in by.items():
+    lines, found = [], by_belief(rows)
+    for (name, label, belief), values in found.items():
         cells = [name, label, belief]
         for k in range(len(MEASURES)):
-            values = np.array([seeds[seed][k] for seed in sorted(seeds)])
-            truth = np.array([by[name, label, "truth"][seed][k] for seed in sorted(seeds)])
-            trials = len(values) * (FRAMES if k == 0 else FRAMES - JUDGED_FROM)
-            low, high = share_interval(values, trials)
-            cells.append(f"{100 * values.mean():.0f} [{100 * low:.0f}, {100 * high:.0f}]")
-            if belief == "truth":
-                cells.append("")
-            else:
-                low, high = mean_interval(values - truth)
-                cells.append(f"{100 * (values - truth).mean():+.0f} [{100 * low:+.0f}, {100 * high:+.0f}]")
+            (low, high), mean = interval(values[:, k], k), values[:, k].mean()
+            cells.append(f"{100 * mean:.0f} [{100 * low:.0f}, {100 * high:.0f}]")
+            less = values[:, k] - found[name, label, "truth"][:, k]
+            low, high = mean_interval(less)
+            same = belief == "truth"
+            cells.append("" if same else f"{100 * less.mean():+.0f} [{100 * low:+.0f}, {100 * high:+.0f}]")
         lines.append(cells)
     return lines
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """A panel a drive and measure, a line a belief, a colour a descriptor."""
+    found, names = by_belief(rows), list(dict.fromkeys(row["belief"] for row in rows))
+    figure, panels = new_figure(10.5, 5.6, rows=2, columns=3)
+    for panel, (name, k) in zip(panels, ((name, k) for name in DRIVES for k in range(3)), strict=True):
+        for number, label in enumerate(DESCRIPTORS):
+            values = [found[name, label, belief][:, k] for belief in names]
+            at = np.arange(len(names)) + 0.15 * (2 * number - 1)
+            panel.hlines(at, *np.transpose([interval(each, k) for each in values]), color=COLOURS[number], lw=1.6)
+            panel.plot([each.mean() for each in values], at, "o", color=COLOURS[number], markersize=3.5, label=label)
+        panel.set_yticks(range(len(names)), names if k == 0 else [""] * len(names), fontsize=7)
+        panel.set(xlim=(-0.02, 1.02), ylim=(len(names) - 0.5, -0.5))
+        panel.set_title(f"{name.replace('_', ' ')}: {MEASURES[k]}", fontsize=8)
+        panel.tick_params(axis="x", labelsize=7)
+        plain(panel)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize=8
+    )
+    save_figure(figure, path.parent, path.stem)
 
 
 def write_example(folder: Path) -> None:
@@ -201,13 +232,19 @@ def main() -> None:
     given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.wrong_calibration seeds=8 csv=costs.csv")
     if "example" in given:
         return write_example(Path(given["example"]))
-    calibrator = PhotoCalibrator.load()
-    rows = [row for seed in range(int(given.get("seeds", 8))) for row in one_seed(seed, calibrator)]
+    if "read" in given:
+        with Path(given["read"]).open(newline="") as file:
+            rows = list(csv.DictReader(file))
+    else:
+        calibrator = PhotoCalibrator.load()
+        rows = [row for seed in range(int(given.get("seeds", 8))) for row in one_seed(seed, calibrator)]
     if "csv" in given:
         with Path(given["csv"]).open("w", newline="") as file:
             writer = csv.DictWriter(file, ["seed", "drive", "descriptor", "belief", "focal_error", *MEASURES])
             writer.writeheader()
             writer.writerows(rows)
+    if "figure" in given:
+        draw(rows, Path(given["figure"]))
     table = Table("drive", "descriptor", "believed", *(head for name in MEASURES for head in (name, "difference")))
     for line in summary(rows):
         table.add_row(*line)

@@ -64,6 +64,7 @@ NEEDED |= {
 NEEDED |= {
     "dataset=pose_folder": ["dataset.folder=/nowhere"],
     "descriptor=files": ["task=localization", "descriptor.folder=/nowhere"],
+    "descriptor=landmarks": ["task=localization", "descriptor.photo=gone.png", "descriptor.points=[[3,4]]"],
     "descriptor=run": ["task=localization", "descriptor.run=gone"],
     "fault=wrong_season_map": ["task=localization", "fault.condition=winter_snow"],
 }

@@ -69,6 +69,7 @@ NOT_RUN = {
     r"^sextant (train|report) .*sweep=search_": "a search of a quarter of an hour; tests/lifecycle",
     r"^python train\.py -m ": "eight runs of minutes",
     r"^python train\.py .*(mnist|nordland|cold|cifar10|places|folder|photos|alexnet)": "needs data that is not shipped",
+    r"^python train\.py .*descriptor=landmarks": "needs a photo of the map; tests/applications/detection",
     r"^python train\.py .*descriptor=run": "needs a trained run of place recognition; smaller in tests/cli",
     r"^python train\.py (task=(calibration|place_recognition)|experiment=)": "renders towns; smaller in tests/tasks",
     r"^python evaluate\.py .*(dataset|checkpoint|off_the_shelf|cifar10)": "needs data and a run of it; tests/cli",

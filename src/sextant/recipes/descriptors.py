@@ -15,6 +15,7 @@ from numpy import ndarray
 
 from sextant.config import Config
 from sextant.config.building import build
+from sextant.data.source import file_sha256
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
 
@@ -184,13 +185,23 @@ def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any
     """A descriptor's config with what its files hold in place of where they lie. Light.
 
     Raises:
-        UserError: there is no such run or folder.
+        UserError: there is no such run, folder or photo.
     """
     if "run" in node:
         return {"_target_": node["_target_"], "run": TrainedDescriptor(node["run"]).identity(outputs)}
     if "folder" in node:
         return {"_target_": node["_target_"], "folder": DescriptorFiles(node["folder"]).identity()}
+    if "photo" in node:
+        network = node["network"] and TrainedDescriptor(node["network"]).identity(outputs)
+        return {**node, "photo": _photo_identity(node["photo"]), "network": network}
     return dict(node)
+
+
+def _photo_identity(photo: str) -> str:
+    try:
+        return file_sha256(Path(photo).expanduser())
+    except OSError as error:
+        raise UserError(f"descriptor.photo={photo} cannot be read: {error.strerror}", "Give a photo's file.") from None
 
 
 def describer(config: Config) -> "Describer | DescriptorFiles":
@@ -204,4 +215,5 @@ def describer(config: Config) -> "Describer | DescriptorFiles":
         return found
     if isinstance(found, TrainedDescriptor):
         return found.describer(Path(config.paths.outputs))
-    return BaselineDescriber(found, str(sorted(config.plain["descriptor"].items())))
+    node = descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))
+    return BaselineDescriber(found, str(sorted(node.items())))

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.applications.detection.filters import network_filter, preset_filter, tolerant
+from sextant.applications.detection.filters import REACH, network_filter, preset_filter, tolerant
 from sextant.applications.detection.images import AnyImage, UprightImage, upright_image
 from sextant.applications.detection.network import TrainedFeatures, trained_features
 from sextant.applications.detection.options import LONGEST, MAX_DETECTIONS, PHOTO, check_point
@@ -90,6 +90,7 @@ class ExampleDetector:
         scales: sizes of an example that are found too, such as ``(0.7, 1, 1.4)``; the preset's, or 1.
         reflection: mirror images are found too; as the preset says, or not.
         longest: pixels of the longest side that larger images, examples too, are shrunk to.
+        reach: pixels from the centre of a filter of ``photo`` to its outermost parts: half the size of a thing.
 
     Attributes:
         filters: each form of a filter, which is one move of its example, as a filter of its own.
@@ -109,9 +110,10 @@ class ExampleDetector:
         scales: Sequence[float] | None = None,
         reflection: bool | None = None,
         longest: int = LONGEST,
+        reach: float = REACH,
     ):
         if features is None:
-            filters, self.channels, self.threshold = preset_filter(preset or PHOTO), 1, THRESHOLD
+            filters, self.channels, self.threshold = preset_filter(preset or PHOTO, reach), 1, THRESHOLD
         elif preset is None:
             filters, self.channels = network_filter(features.features, features.size), features.channels
             self.threshold = NETWORK_THRESHOLD
@@ -267,3 +269,22 @@ class ExampleDetector:
         own = torch.tensor([example.own for example in self.examples for _ in example.moves])
         best = (response / own.to(response)[:, None, None]).max(0)
         return best.values, best.indices
+
+    @torch.no_grad()
+    def strongest(self, images: Float[Tensor, "n c h w"], columns: int = 1) -> Float[Tensor, "n examples columns"]:
+        """How strongly each example is answered in vertical strips of images, as a share of its own response.
+
+        Args:
+            images: in [0, 1], of one size.
+            columns: strips, from left to right.
+
+        Raises:
+            UserError: there is no example yet, or the network cannot take the images.
+        """
+        if not self.examples:
+            raise UserError("there is no example yet of what to detect", "Call add(image, point) first.")
+        strips = torch.nn.functional.adaptive_max_pool2d(self.filters(images), (1, columns))[:, :, 0]
+        parts = strips.split([len(example.moves) for example in self.examples], dim=1)
+        return torch.stack(
+            [part.amax(1) / example.own for part, example in zip(parts, self.examples, strict=True)], dim=1
+        )

@@ -20,25 +20,33 @@ from sextant.layers.cosfire import (
 
 #: the least that a vector of a network counts, as a cosine: one that is missing does not silence a filter
 FLOOR = 0.05
+#: pixels from the centre of a filter for photos to its outermost parts
+REACH = 32.0
 
 
-def preset_filter(name: str) -> Cosfire:
-    """A filter over Gabor filters or differences of Gaussians.
+def preset_filter(name: str, reach: float = REACH) -> Cosfire:
+    """A filter over Gabor filters or differences of Gaussians; ``reach`` is that of ``photo``.
 
     Raises:
         ArgumentError: there is no such preset.
     """
     if name not in PRESET_NAMES:
         raise ArgumentError(f"preset={name} must be one of {', '.join(PRESET_NAMES)}", f"preset={PHOTO}")
-    return photo_filter() if name == PHOTO else preset(name)
+    return photo_filter(reach) if name == PHOTO else preset(name)
 
 
-def photo_filter() -> Cosfire:
-    """Edges of eight pixels' wavelength on circles of up to 32: for things of some 70 pixels in photos."""
+def photo_filter(reach: float = REACH) -> Cosfire:
+    """Edges on circles of up to ``reach`` pixels, of a quarter of that for a wavelength: for things twice as large.
+
+    Raises:
+        ArgumentError: the reach is less than 8 pixels, where no edge has a direction.
+    """
+    if not 8 <= reach < 1e4:
+        raise ArgumentError(f"reach={reach:g} must be at least 8 pixels", "reach=32")
     return Cosfire(
-        GaborBank(wavelengths=(8.0,), orientations=16, phase_deg=90.0),
-        ConcentricCircles(radii=(0, 8, 16, 24, 32), t2=0.75),
-        blur=Blur(2.0, 0.1),
+        GaborBank(wavelengths=(reach / 4,), orientations=16, phase_deg=90.0),
+        ConcentricCircles(radii=(0, reach / 4, reach / 2, 3 * reach / 4, reach), t2=0.75),
+        blur=Blur(reach / 16, 0.1),
         t1=0.1,
     )
 

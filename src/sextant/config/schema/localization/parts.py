@@ -15,6 +15,9 @@ from sextant.config.schema.parts import (
 )
 from sextant.config.schema.splits import ImageSide
 
+#: x and y
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+
 # -- descriptor --------------------------------------------------------------------------------------------------------
 
 
@@ -54,6 +57,19 @@ class WhitenedPCADescriptor(Descriptor):
     width: ImageSide = Field(examples=[48])
     dimensions: Count = Field(examples=[128])
     most_images: Count = Field(examples=[10000])
+
+
+class LandmarksDescriptor(Descriptor):
+    """Landmarks that are pointed at on a photo, alone or beside another descriptor."""
+
+    target: Literal["sextant.applications.detection.landmarks.Landmarks"] = Field(alias="_target_")
+    photo: str = Field(examples=["photo.png"])
+    points: Annotated[list[Point], Field(min_length=1)] = Field(examples=[[[310, 190], [120, 80]]])
+    beside: str | None = Field(examples=["whitened_pca"])
+    columns: Count = Field(examples=[8])
+    reach: Positive = Field(examples=[0.25])
+    weight: Positive = Field(examples=[1.0])
+    network: str | None = Field(examples=["place_recognition/1a2b3c4d-s0"])
 
 
 class TrainedDescriptor(Descriptor):

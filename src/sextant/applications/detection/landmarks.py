@@ -1,0 +1,137 @@
+"""Landmarks that somebody pointed at, as the descriptor of an image: how strongly and where each is seen in it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+from numpy import ndarray
+
+from sextant.applications.detection.detector import ExampleDetector
+from sextant.applications.detection.network import trained_features
+from sextant.applications.kept_descriptor import named_baseline
+from sextant.applications.pixels import AnyImage, as_pixels
+from sextant.errors import ArgumentError
+from sextant.runs.outputs_folder import default_outputs
+
+#: images that filters look at together
+BATCH = 32
+
+
+class Landmarks:
+    r"""COSFIRE filters, one for each point on a photo, and their strongest responses in strips of an image.
+
+    With :math:`R_l(x)` the response of the filter of landmark l as a share of what it answers to its own example, the
+    descriptor is :math:`\max_{x \in s} R_l(x)` for each landmark l and vertical strip s of the image, from left to
+    right. Beside an ordinary descriptor, the numbers are multiplied so that over the map their mean variance is
+    ``weight`` squared times the other's.
+
+    The photo is one of the map's camera; it is stretched to the size of the images, and so are the points.
+
+    Args:
+        photo: on which the points are.
+        points: x and y in pixels of the photo, upright.
+        beside: name of an ordinary descriptor that the landmarks are appended to; None for the landmarks alone.
+        columns: strips of an image.
+        reach: of the filters, in heights of an image: half the size of a landmark; not of filters on a network.
+        weight: of the landmarks beside the ordinary descriptor.
+        network: run whose features the filters look at, in place of Gabor filters.
+
+    Raises:
+        UserError: there is no point, an argument is out of range, or there is no such descriptor.
+
+    Example:
+        >>> landmarks = Landmarks("corner.png", [(310, 190), (120, 80), (40, 200)])  # doctest: +SKIP
+        >>> landmarks.fit(images).describe(images).shape  # doctest: +SKIP
+        (250, 152)
+    """
+
+    def __init__(
+        self,
+        photo: AnyImage,
+        points: Sequence[tuple[float, float]],
+        beside: str | None = "whitened_pca",
+        columns: int = 8,
+        reach: float = 0.25,
+        weight: float = 1.0,
+        network: str | None = None,
+    ):
+        for name, value, least in (("columns", columns, 1), ("reach", reach, 1e-3), ("weight", weight, 1e-6)):
+            if not least <= value < 1e6:
+                raise ArgumentError(f"{name}={value:g} must be at least {least:g}", f"{name}=1", of=self)
+        self.examples: list[tuple[AnyImage, list[tuple[float, float]]]] = []
+        self.columns, self.reach, self.weight, self.network = columns, reach, weight, network
+        self.ordinary = None if beside is None else named_baseline(beside)
+        self.scale = 1.0
+        self._detector: ExampleDetector | None = None
+        self.add(photo, points)
+
+    def add(self, photo: AnyImage, points: Sequence[tuple[float, float]]) -> Self:
+        """More landmarks, on another photo; before the map is described.
+
+        Raises:
+            UserError: there is no point.
+        """
+        if not len(points):
+            raise ArgumentError("points=[]: there is no landmark", "points=[[310,190]]", of=self)
+        self.examples.append((photo, [(float(x), float(y)) for x, y in points]))
+        return self
+
+    def fit(self, images: UInt8[ndarray, "n h w c"]) -> Self:
+        """Configure the filters for images of this size, and learn how much landmarks count beside the other.
+
+        Raises:
+            UserError: a photo cannot be read, or has nothing at a point that a filter could be made of.
+            ValueError: there are too few images for the ordinary descriptor.
+        """
+        self._detector = self._configured(images.shape[1:])
+        if self.ordinary is not None:
+            self.ordinary.fit(images)
+            rows = images[np.unique(np.linspace(0, len(images) - 1, min(len(images), 500)).astype(int))]
+            mine, other = self.responses(rows).var(0).mean(), self.ordinary.describe(rows).var(0).mean()
+            self.scale = self.weight * float(np.sqrt(other / mine)) if mine > 0 else self.weight
+        return self
+
+    def describe(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
+        """The ordinary descriptor, if there is one, then each landmark's strips."""
+        responses = np.float32(self.scale) * self.responses(images)
+        if self.ordinary is None:
+            return responses
+        return np.concatenate([self.ordinary.describe(images), responses], axis=1)
+
+    def responses(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
+        """Each landmark's strips: shares of what its filter answers to its own example.
+
+        Raises:
+            UserError: the network cannot take the images.
+        """
+        detector = self._detector or self._configured(images.shape[1:])
+        channels = detector.channels
+        found = []
+        for start in range(0, len(images), BATCH):
+            part = [as_pixels(image, (*images.shape[1:3], channels)) for image in images[start : start + BATCH]]
+            tensor = torch.from_numpy(np.stack(part)).permute(0, 3, 1, 2).float() / 255
+            found.append(detector.strongest(tensor, self.columns).flatten(1).cpu().numpy())
+        return np.concatenate(found).astype(np.float32)
+
+    def _configured(self, shape: Sequence[int]) -> ExampleDetector:
+        height, width = shape[:2]
+        features = (
+            None if self.network is None else trained_features(self.network, default_outputs(), None, trust=False)
+        )
+        detector = ExampleDetector(features, longest=max(height, width), reach=max(8.0, self.reach * height))
+        for photo, points in self.examples:
+            image = as_pixels(photo)
+            across, down = width / image.shape[1], height / image.shape[0]
+            small = as_pixels(image, (height, width, 3))
+            for x, y in points:
+                if not (-0.5 <= x <= image.shape[1] - 0.5 and -0.5 <= y <= image.shape[0] - 0.5):
+                    name = Path(photo).name if isinstance(photo, str | Path) else "the photo"
+                    raise ArgumentError(
+                        f"points={x:g},{y:g} lies outside {name} of {image.shape[1]}x{image.shape[0]} pixels",
+                        "x and y in pixels of the photo", of=self,
+                    )  # fmt: skip
+                detector.add(small, ((x + 0.5) * across - 0.5, (y + 0.5) * down - 0.5))
+        return detector
