@@ -146,3 +146,10 @@ def test_a_kernel_learnt_along_one_line_tells_nothing_of_poses_aside():
 def test_a_kernel_shorter_than_the_spacing_leaves_no_gaps():
     kernel = PoseKernel("rbf", (0.01, 0.01), 0.5, 1.0, 0.1)
     assert MapSupport.of(loop(), kernel).reach == MapSupport.of(loop()).reach
+
+
+def test_a_sparse_map_reaches_half_its_spacing_whatever_its_kernel():
+    """A kernel of 1.5 spacings, as of a town with an image every 3 m."""
+    kernel = PoseKernel("rbf", (0.64, 0.46), 0.5, 1.0, 0.1)
+    assert MapSupport.of(loop(step=0.3), kernel).reach == pytest.approx(0.15, rel=0.1)
+    assert MapSupport.of(loop(step=0.08), kernel).reach == pytest.approx(0.69)

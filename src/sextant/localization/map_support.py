@@ -41,6 +41,9 @@ from sextant.localization.recovery.recovery import check_share
 HEADING_REACH = math.radians(10)
 #: how far an image stands for poses beside it, in lengths of a kernel that was learnt
 LENGTHS = 1.5
+#: spacings of a dense map that its kernel's shorter length is at least. Through a town with an image every 3 m, whose
+#: kernel is 1.5 spacings long, 1.5 of its lengths would be 7 m: a filter then drifts 6 m aside, into the houses
+DENSE = 2.5
 #: images that are looked at for the spacing of a map, evenly chosen, and neighbours of each
 LOOKED_AT, NEIGHBOURS = 4096, 24
 #: an image further off than so many times the nearest one is no neighbour
@@ -88,12 +91,13 @@ class MapSupport:
 
         Args:
             poses: of the map's images.
-            kernel: that was learnt on them. Where it says that images reach further, up to 1.5 of its shorter length,
-                they do, unless the map runs along one line: that tells nothing of how far images reach aside.
+            kernel: that was learnt on them. In a dense map, where its shorter length is 2.5 spacings or more, images
+                reach up to 1.5 of that, unless the map runs along one line: that tells nothing of how far they reach
+                aside.
         """
-        learnt = 0.0 if kernel is None else LENGTHS * min(kernel.length)
-        reach = learnt if learnt <= LENGTHS * _breadth(poses) else 0.0
-        return cls(poses, max(map_spacing(poses) / 2, reach), heading_reach(poses))
+        spacing, length = map_spacing(poses), 0.0 if kernel is None else min(kernel.length)
+        learnt = DENSE * spacing <= length <= _breadth(poses)
+        return cls(poses, LENGTHS * length if learnt else spacing / 2, heading_reach(poses))
 
     @cached_property
     def _near(self) -> Neighbourhoods:
