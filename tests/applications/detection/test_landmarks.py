@@ -76,6 +76,11 @@ def test_a_localizer_takes_them(example, tmp_path):
     ("given", "says"),
     [
         ({"points": []}, "there is no landmark"),
+        ({"points": [(1,)]}, r"points=\[\(1,\)\] must be pairs of finite numbers"),
+        ({"points": [(1, 2), (3,)]}, "must be pairs of finite numbers"),
+        ({"points": (310, 190)}, "must be pairs of finite numbers"),
+        ({"points": "x"}, "points='x' must be pairs of finite numbers"),
+        ({"points": [(float("nan"), 80)]}, r"points=\[\(nan, 80\)\] must be pairs of finite numbers"),
         ({"points": [(400, 10)]}, r"points=400,10 lies outside example.png of 220x160 pixels"),
         ({"points": [(2, 150)]}, "nothing|does not answer|no part"),
         ({"columns": 0}, "columns=0 must be at least 1"),

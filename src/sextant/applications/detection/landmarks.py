@@ -72,11 +72,17 @@ class Landmarks:
         """More landmarks, on another photo; before the map is described.
 
         Raises:
-            UserError: there is no point.
+            UserError: there is no point, or points are not pairs of finite numbers.
         """
-        if not len(points):
+        try:
+            pairs = np.array(points, np.float64)
+        except (ValueError, TypeError):
+            pairs = np.full(1, np.nan)
+        if not pairs.size:
             raise ArgumentError("points=[]: there is no landmark", "points=[[310,190]]", of=self)
-        self.examples.append((photo, [(float(x), float(y)) for x, y in points]))
+        if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.isfinite(pairs).all():
+            raise ArgumentError(f"points={points!r} must be pairs of finite numbers", "points=[[310,190]]", of=self)
+        self.examples.append((photo, [(x, y) for x, y in pairs.tolist()]))
         return self
 
     def fit(self, images: UInt8[ndarray, "n h w c"]) -> Self:
