@@ -33,9 +33,9 @@ class WalkOptions(DriveOptions, FocalOptions):
     """mounted: tilt and roll are the same in all images (default); by_hand: each has its own; level: none"""
     photos: int = Field(40, ge=1, examples=[40])
     """of each camera that are calibrated together, evenly taken; 40 unless given"""
-    rows: int = Field(120, ge=8, examples=[120])
+    rows: int | None = Field(None, ge=8, examples=[120])
     """of the straightened images; 120 unless given"""
-    vfov_deg: float | None = Field(None, gt=0, le=170, examples=[55])
+    vfov_deg: float | None = Field(None, gt=0, lt=170, examples=[55])
     """vertical field of view of these; the largest that both cameras cover unless given"""
 
 

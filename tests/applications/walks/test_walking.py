@@ -10,8 +10,9 @@ import pytest
 from PIL import Image
 
 from sextant import Localizer, PhotoCalibrator, cli
+from sextant.applications.walks.posed_images import PosedImages
 from sextant.applications.walks.shared_camera import SharedCamera, shared_view
-from sextant.applications.walks.walking import localize_walk
+from sextant.applications.walks.walking import _straightened_map, localize_walk
 from sextant.data.photos import Pinhole
 from sextant.errors import UserError
 from sextant.geometry import PerspectiveCamera, level_camera_pose
@@ -123,6 +124,52 @@ def test_a_map_that_does_not_tell_its_camera_needs_a_field_of_view(walked, world
     given = {"photos": 1, "replay": "none", "held": "level"}
     with pytest.raises(UserError, match="does not tell the camera of its images"):
         localize_walk(world.folder / "autumn", tmp_path / "map", tmp_path / "out", **given)
+
+
+class NeverAsked:
+    """A calibrator of mistakes that are known before it has its turn."""
+
+    def one_camera(self, *_, **__):
+        raise AssertionError("calibrated first")
+
+
+@pytest.mark.parametrize("wrong", [{"descriptor": "Hog"}, {"rows": 120}, {"vfov_deg": 55}])
+def test_what_a_saved_map_has_of_its_own_is_not_given_again(walked, world, tmp_path, wrong):
+    name, value = next(iter(wrong.items()))
+    with pytest.raises(UserError, match=f"{name}={value} is not for map=.*, a saved map, which has its own"):
+        localize_walk(world.folder / "autumn", walked / "map", tmp_path / "out", calibrator=NeverAsked(), **wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"descriptor": "Hogg"}, "descriptor=Hogg is none of Hog, PatchNormalised, Pixels, WhitenedPCA, nor a run"),
+        ({"rows": 4}, "rows=4 must be at least 8"),
+        ({"vfov_deg": 170}, "vfov_deg=170 must be between"),
+        ({"held": "upside_down"}, "held=upside_down must be one of"),
+    ],
+)
+def test_mistakes_are_told_before_any_camera_is_looked_for(world, tmp_path, wrong, says):
+    with pytest.raises(UserError, match=says):
+        localize_walk(
+            world.folder / "autumn", world.folder / "summer", tmp_path / "out", calibrator=NeverAsked(), **wrong
+        )
+
+
+def test_an_image_of_the_map_that_cannot_be_read_is_left_out_with_a_remark(tmp_path):
+    rng = np.random.default_rng(0)
+    for name in "abc":
+        Image.fromarray(rng.integers(0, 255, (60, 80, 3), np.uint8)).save(tmp_path / f"{name}.png")
+    (tmp_path / "b.png").write_bytes(b"no picture")
+    paths = [tmp_path / f"{name}.png" for name in "abc"]
+    mapped = PosedImages(paths, np.arange(9.0).reshape(3, 3), tmp_path, ("another remark",))
+    images, kept = _straightened_map(mapped, camera(0.9), Pinhole(40, 30, 31.0))
+    assert images.shape == (2, 30, 40, 3)
+    assert kept.paths == [paths[0], paths[2]]
+    assert kept.poses.tolist() == mapped.poses[[0, 2]].tolist()
+    assert kept.remarks[0] == "another remark"
+    assert kept.remarks[1].startswith("1 of 3 images of the map cannot be read and are left out: ")
+    assert "b.png" in kept.remarks[1]
 
 
 # --- the view that two cameras share ----------------------------------------------------------------------------------

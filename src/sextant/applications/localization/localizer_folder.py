@@ -14,6 +14,7 @@ from torch import Tensor
 from sextant.applications.kept_descriptor import (
     Describes,
     KeptDescriptor,
+    baseline_names,
     find_baseline,
     kept_baseline,
     kept_network,
@@ -22,7 +23,7 @@ from sextant.applications.kept_descriptor import (
 from sextant.applications.localization.found_map import MAP, find_map
 from sextant.applications.localization.kept_filter import filter_of, filter_values, usual_filter, usual_radius
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
@@ -165,6 +166,23 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
     if images < 2:
         raise UserError("the map has one image, and places are told apart by at least two", "Add images.")
     return torch.from_numpy(where)
+
+
+def check_descriptor(descriptor: Describes | str | Path | None) -> None:
+    """Whether a descriptor that is given by name is there, before anything is done that takes long.
+
+    Raises:
+        UserError: it is none of :mod:`sextant.baselines`, nor a run of place recognition.
+    """
+    if not isinstance(descriptor, str | Path) or find_baseline(str(descriptor)) is not None:
+        return
+    try:
+        checkpoint = resolve_run(str(descriptor), default_outputs()).checkpoint
+    except UserError as error:
+        raise ArgumentError(
+            f"descriptor={descriptor} is none of {baseline_names()}, nor a run: {error.problem}", "descriptor=Hog"
+        ) from None
+    kept_network(checkpoint)
 
 
 def described_map(

@@ -53,8 +53,7 @@ class SharedCamera:
         Raises:
             UserError: ``held`` is none of the three.
         """
-        if held not in get_args(Held):
-            raise ArgumentError(f"held={held} must be one of {', '.join(get_args(Held))}", "held=mounted")
+        check_held(held)
         kept = [camera for camera, used in zip(one.cameras, one.fusion.kept, strict=True) if used]
         first = kept[0]
         found = np.radians([(photo.tilt_deg, photo.roll_deg) for photo in kept])
@@ -96,6 +95,28 @@ class SharedCamera:
         )  # fmt: skip
 
 
+def check_held(held: str) -> None:
+    """Whether a camera can be held so.
+
+    Raises:
+        UserError: ``held`` is none of the three.
+    """
+    if held not in get_args(Held):
+        raise ArgumentError(f"held={held} must be one of {', '.join(get_args(Held))}", "held=mounted")
+
+
+def check_view(rows: int, vfov_deg: float | None) -> None:
+    """Whether there are such pictures, whatever the cameras.
+
+    Raises:
+        UserError: there are no such rows, or no such field of view.
+    """
+    if rows < 8:
+        raise ArgumentError(f"rows={rows} must be at least 8", "rows=120")
+    if vfov_deg is not None and not 0 < vfov_deg < 170:
+        raise ArgumentError(f"vfov_deg={vfov_deg:g} must be between 0 and 170 degrees", "vfov_deg=55")
+
+
 def shared_view(cameras: Sequence[SharedCamera], rows: int = 120, vfov_deg: float | None = None) -> Pinhole:
     """The largest straight view that all cameras cover: without roll, its tilt midway between theirs.
 
@@ -108,10 +129,7 @@ def shared_view(cameras: Sequence[SharedCamera], rows: int = 120, vfov_deg: floa
         UserError: there are no such rows, no such field of view, or the cameras look up and down so differently that
             they have nothing in common.
     """
-    if rows < 8:
-        raise ArgumentError(f"rows={rows} must be at least 8", "rows=120")
-    if vfov_deg is not None and not 0 < vfov_deg < 170:
-        raise ArgumentError(f"vfov_deg={vfov_deg:g} must be between 0 and 170 degrees", "vfov_deg=55")
+    check_view(rows, vfov_deg)
     tilts = [float(np.median(camera.tilts)) for camera in cameras]
     tilt = (min(tilts) + max(tilts)) / 2
     across = min(camera.reach[0] for camera in cameras)

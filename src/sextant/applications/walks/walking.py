@@ -18,8 +18,9 @@ from sextant.applications.kept_descriptor import Describes
 from sextant.applications.localization.found_map import find_map
 from sextant.applications.localization.localized_drive import ReplayKind, localize_drive
 from sextant.applications.localization.localizer import Localizer, Start
+from sextant.applications.localization.localizer_folder import check_descriptor
 from sextant.applications.walks.posed_images import PosedImages, posed_images
-from sextant.applications.walks.shared_camera import Held, SharedCamera, shared_view
+from sextant.applications.walks.shared_camera import Held, SharedCamera, check_held, check_view, shared_view
 from sextant.applications.walks.walk import Walk
 from sextant.applications.walks.walk_report import MOST_SHOWN, write_walk_report
 from sextant.applications.write_errors import telling_write_errors
@@ -43,7 +44,7 @@ def localize_walk(
     descriptor: Describes | str | Path | None = None,
     held: Held = "mounted",
     photos: int = 40,
-    rows: int = 120,
+    rows: int | None = None,
     vfov_deg: float | None = None,
     focal_prior: FocalPrior = None,
     odometry: Path | None = None,
@@ -66,12 +67,13 @@ def localize_walk(
             an earlier walk wrote as ``map``, or another saved map, of which ``vfov_deg`` must be given.
         output: folder for ``report.md``, ``walk.json``, ``poses.csv``, ``trajectory.tum``, ``map`` and pictures.
         calibrator: of both cameras; the one of the package unless given.
-        descriptor: as for :meth:`~sextant.Localizer.from_images`; a saved map has its own.
+        descriptor: as for :meth:`~sextant.Localizer.from_images`; not of a saved map, which has its own.
         held: how the cameras were held: ``mounted``, ``by_hand`` (each image has its own tilt and roll, and all are
             calibrated), or ``level``.
         photos: of each camera that are calibrated, evenly taken.
-        rows: of the straightened images.
-        vfov_deg: vertical field of view of these; the largest that both cameras cover unless given.
+        rows: of the straightened images, 120 unless given; not of a saved map, which has its own.
+        vfov_deg: vertical field of view of these; the largest that both cameras cover unless given. Not of a saved map
+            that has its own.
         focal_prior: of the walk's camera, as for :meth:`~sextant.PhotoCalibrator.one_camera`.
         odometry: as for ``sextant predict``; without it, motion is unknown.
         every: of a video or bag, one of so many images.
@@ -81,7 +83,8 @@ def localize_walk(
         progress: shows how far the work is.
 
     Raises:
-        UserError: there are no images, no map, no camera can be found for either, or the disk is full.
+        UserError: there are no images, no map, no camera can be found for either, an argument is out of range or not
+            for a saved map, or the disk is full.
 
     Example:
         >>> walk = localize_walk("winter.mp4", "summer", "found", every=10)  # doctest: +SKIP
@@ -89,35 +92,38 @@ def localize_walk(
     """
     if photos < 1:
         raise ArgumentError(f"photos={photos} must be at least 1", "photos=40")
+    check_held(held)
+    check_view(120 if rows is None else rows, vfov_deg)
     output, calibrator = Path(output), calibrator or PhotoCalibrator.load()
     saved = find_map(map, default_outputs())
     mapped = posed_images(map) if saved is None else None
+    if saved is None:
+        check_descriptor(descriptor)
+    else:
+        _check_saved(map, descriptor=descriptor, rows=rows)
     drive = open_drive(str(input), odometry, output, every=every)
+    lag = len(drive.frames) if smooth else 0
+    if mapped is None:
+        localizer = Localizer.load(str(map), particles=particles, start=start, seed=seed, lag=lag)
+        map_camera, view, images = None, _view_of(localizer, map, vfov_deg), None
     with telling_write_errors(output):
         output.mkdir(parents=True, exist_ok=True)
     with progress("calibrating the walk", "images") as advance:
         advance(0, 1)
         camera = _camera_of_drive(calibrator, drive, held, photos, focal_prior)
-    map_camera = None
     if mapped is not None:
         with progress("calibrating the map", "images") as advance:
             advance(0, 1)
             map_camera = _camera_of(calibrator, mapped.paths, held, photos)
-        view = shared_view([camera, map_camera], rows, vfov_deg)
-        images = _straightened_map(mapped, map_camera, view)
+        view = shared_view([camera, map_camera], 120 if rows is None else rows, vfov_deg)
+        images, mapped = _straightened_map(mapped, map_camera, view)
         localizer = Localizer.from_images(
-            images, mapped.poses, descriptor, particles=particles or 1000, start=start, seed=seed,
-            lag=len(drive.frames) if smooth else 0,
-        )  # fmt: skip
+            images, mapped.poses, descriptor, particles=particles or 1000, start=start, seed=seed, lag=lag
+        )
         localizer.facts[VIEW] = view.facts()
         with telling_write_errors(output):
             localizer.save(output / "map")
         drive.remarks.extend(mapped.remarks)
-    else:
-        localizer = Localizer.load(
-            str(map), particles=particles, start=start, seed=seed, lag=len(drive.frames) if smooth else 0
-        )
-        view, images = _view_of(localizer, map, camera, vfov_deg), None
     straight = _Straightened(drive, camera, view, localizer.image_size)
     found, files = localize_drive(localizer, drive, straight, output, replay=replay, smooth=smooth, progress=progress)
     walk = Walk(camera, map_camera, view, found, straight.unseen, tuple(drive.remarks), tuple(files))
@@ -152,13 +158,37 @@ def _spread(count: int, wanted: int) -> list[int]:
     return sorted({round(at) for at in np.linspace(0, count - 1, min(count, wanted)).tolist()})
 
 
-def _straightened_map(mapped: PosedImages, camera: SharedCamera, view: Pinhole) -> UInt8[ndarray, "n h w 3"]:
-    return np.stack([
-        camera.straighten(read_photo(path).image, view, number)[0] for number, path in enumerate(mapped.paths)
-    ])  # fmt: skip
+def _straightened_map(
+    mapped: PosedImages, camera: SharedCamera, view: Pinhole
+) -> tuple[UInt8[ndarray, "n h w 3"], PosedImages]:
+    """The images that can be read, and a map of these alone."""
+    images, read, problems = [], [], []
+    for number, path in enumerate(mapped.paths):
+        try:
+            image = read_photo(path).image
+        except UserError as error:
+            problems.append(error.problem)
+            continue
+        images.append(camera.straighten(image, view, number)[0])
+        read.append(number)
+    if not problems:
+        return np.stack(images), mapped
+    told = f"{len(problems)} of {len(mapped.paths)} images of the map cannot be read and are left out: {problems[0]}"
+    paths, remarks = [mapped.paths[number] for number in read], (*mapped.remarks, told)
+    return np.stack(images), replace(mapped, paths=paths, poses=mapped.poses[read], remarks=remarks)
 
 
-def _view_of(localizer: Localizer, map: Path | str, camera: SharedCamera, vfov_deg: float | None) -> Pinhole:
+def _check_saved(map: Path | str, **given: object) -> None:
+    """Whether nothing is asked of a saved map that was settled when it was made."""
+    for name, value in given.items():
+        if value is not None:
+            raise ArgumentError(
+                f"{name}={value} is not for map={map}, a saved map, which has its own",
+                f"Leave out {name}, or give the folder of the map's images, with their poses.",
+            )
+
+
+def _view_of(localizer: Localizer, map: Path | str, vfov_deg: float | None) -> Pinhole:
     """The view of a saved map: its own, or a level one of a field of view that the user knows."""
     if localizer.descriptor.describer is None or localizer.image_size is None:
         raise UserError(
@@ -166,7 +196,8 @@ def _view_of(localizer: Localizer, map: Path | str, camera: SharedCamera, vfov_d
             "Give the folder of its images, with their poses.",
         )
     facts = localizer.facts.get(VIEW)
-    if facts is not None and vfov_deg is None:
+    if facts is not None:
+        _check_saved(map, vfov_deg=vfov_deg)
         return Pinhole(**facts)
     if vfov_deg is None:
         raise ArgumentError(
