@@ -35,7 +35,7 @@ class WalkOptions(DriveOptions, FocalOptions):
     """of each camera that are calibrated together, evenly taken; 40 unless given"""
     rows: int | None = Field(None, ge=8, examples=[120])
     """of the straightened images; 120 unless given"""
-    vfov_deg: float | None = Field(None, gt=0, lt=170, examples=[55])
+    vfov_deg: float | None = Field(None, examples=[55])
     """vertical field of view of these; the largest that both cameras cover unless given"""
 
 
