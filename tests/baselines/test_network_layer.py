@@ -45,6 +45,12 @@ def test_images_are_described_alike_alone_and_among_others():
         np.testing.assert_allclose(layer.describe(IMAGES[i : i + 1])[0], together[i], atol=1e-6)
 
 
+def test_images_that_cannot_be_written_to_are_described():
+    layer, locked = NetworkLayer(convolution(), 8, 12, grid=(2, 3)), IMAGES[:2].copy()
+    locked.flags.writeable = False
+    np.testing.assert_array_equal(layer.describe(locked), layer.describe(IMAGES[:2]))
+
+
 def test_sizes_and_colours_become_those_of_the_network():
     colour, grey = NetworkLayer(convolution(), 4, 6, grid=(2, 2)), NetworkLayer(convolution(1), 4, 6, channels=1)
     one = IMAGES[:3, ..., :1]

@@ -55,6 +55,9 @@ def test_two_photos_are_compared(client):
     assert status == 200
     assert -1 <= found["similarity"] < 0.9
     assert [each["width"] for each in found["photos"]] == [640, 640]
+    assert found["trained"]
+    assert found["known"]["more_alike_of_two"] > 0
+    assert found["known"]["less_alike_of_one"] < 0.5
 
 
 def test_an_example_is_found(client, tmp_path):
@@ -99,6 +102,7 @@ def test_a_digit_is_read(client):
         ("photo", [("../../etc/passwd", b"root")], {}, "cannot be read as a photo"),
         ("places", [("one.jpg", CHINA)], {}, "1 files were sent; 2 are needed"),
         ("places", [("a.jpg", CHINA), ("b.jpg", b"x")], {}, "b.jpg cannot be read"),
+        ("places", [("a.jpg", CHINA), ("grey.png", png(NOISE // 128 + 90))], {}, "grey.png shows nothing to compare"),
         ("example", [("a.jpg", CHINA)], {}, "points: 0 given"),
         ("example", [("a.jpg", CHINA)], {"points": "0,left,0.5"}, "points=0,left,0.5 is no point"),
         ("example", [("a.jpg", CHINA)], {"points": "0,nan,0.5"}, "lies in no photo"),
@@ -135,7 +139,13 @@ def test_a_request_too_large_is_refused_before_it_is_read(client, monkeypatch):
     monkeypatch.setattr(serving_app.InMemory, "max_content_length", 2000)
     status, found = ask(client, "photo", ("large.jpg", CHINA))
     assert status == 413
-    assert "too large" in found["problem"]
+    assert found["problem"] == "the request is too large: 64 MB are taken for a photo, 500 kB for a text"
+
+
+def test_a_text_too_large_is_not_called_a_file(client):
+    status, found = ask(client, "digit", digit="1" * 500_001)
+    assert status == 413
+    assert found["problem"] == "the request is too large: 64 MB are taken for a photo, 500 kB for a text"
 
 
 def test_nothing_is_left_of_a_file(client, monkeypatch, tmp_path):

@@ -76,3 +76,4 @@ def test_a_localizer_describes_its_images_with_it(rides):
     places = PlaceMap.load(REFERENCE)
     expected = places.descriptor.describer.describe(images[2][None])[0]
     np.testing.assert_allclose(here.describe(images[2]), expected, rtol=1e-5, atol=1e-6)
+    here.step(None, rides / "day/2.png")  # a file is decoded into an array that cannot be written to

@@ -82,7 +82,8 @@ class NetworkLayer(PlaceDescriptor):
 
     def _rows(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
         """Averages over the cells of the grid, one image a row."""
-        bytes_of = (torch.from_numpy(np.ascontiguousarray(part)).permute(0, 3, 1, 2) for part in _batches(images))
+        writable = (np.require(part, requirements=("C", "W")) for part in _batches(images))  # torch warns of others
+        bytes_of = (torch.from_numpy(part).permute(0, 3, 1, 2) for part in writable)
         return np.concatenate([self._pooled(part.float() / 255) for part in bytes_of])
 
     @torch.no_grad()

@@ -17,7 +17,13 @@ from sextant.errors import UserError
 #: bytes of a photo, and of a request, which has two at most
 LARGEST_FILE = 64_000_000
 LARGEST_REQUEST = 2 * LARGEST_FILE + 100_000
+#: bytes of a setting
+LARGEST_TEXT = 500_000
 TOO_LARGE = f"the file is too large: {LARGEST_FILE // 10**6} MB are taken", "Save the photo smaller, or as JPEG."
+REQUEST_TOO_LARGE = (
+    f"the request is too large: {LARGEST_FILE // 10**6} MB are taken for a photo, {LARGEST_TEXT // 1000} kB for a text",
+    "Save the photo smaller, or as JPEG; shorten the text.",
+)
 #: names by which a browser may call this machine; under any other, a page elsewhere has made it believe that this
 #: machine is the page's own (DNS rebinding)
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
@@ -27,6 +33,7 @@ class InMemory(Request):
     """A request whose files are never written to a disk, however large."""
 
     max_content_length = LARGEST_REQUEST
+    max_form_memory_size = LARGEST_TEXT
     max_form_parts = 12
 
     def _get_file_stream(self, *_: Any, **__: Any) -> io.BytesIO:
@@ -68,7 +75,7 @@ def demo_app(answers: Answers) -> Flask:
     @app.errorhandler(Exception)
     def failure(error: Exception) -> Any:
         if isinstance(error, RequestEntityTooLarge):
-            return jsonify(problem=TOO_LARGE[0], fix=TOO_LARGE[1]), 413
+            return jsonify(problem=REQUEST_TOO_LARGE[0], fix=REQUEST_TOO_LARGE[1]), 413
         if isinstance(error, HTTPException):
             return jsonify(problem=f"{error.code} {error.name}", fix=None), error.code
         if isinstance(error, MemoryError):

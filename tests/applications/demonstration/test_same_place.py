@@ -63,10 +63,16 @@ def test_the_network_of_the_zoo_is_taken_if_there_is_one(monkeypatch):
     assert chosen._known(0.7) is not None
 
 
+def test_what_the_demo_compares_by_was_measured():
+    assert SamePlace.load().name in same_place.read_json(same_place.ALIKE)
+
+
 def test_a_blank_photo_and_a_strip(untrained, photos, tmp_path):
     Image.fromarray(np.full((64, 96, 3), 90, np.uint8)).save(tmp_path / "blank.png")
-    with pytest.raises(UserError, match="shows nothing to compare"):
-        untrained.answer(photos / "day.png", tmp_path / "blank.png")
+    for chosen in (untrained, SamePlace.load()):
+        for pair in (("day.png", "blank.png"), ("blank.png", "day.png")):
+            with pytest.raises(UserError, match=r"blank\.png shows nothing to compare"):
+                chosen.answer(*(tmp_path / name for name in pair))
     Image.fromarray(np.asarray(Image.open(photos / "day.png").resize((800, 40)))).save(tmp_path / "strip.png")
     assert untrained.answer(photos / "day.png", tmp_path / "strip.png")["stretched"] == [False, True]
 

@@ -57,5 +57,6 @@ class TrainedPlaceNetwork:
     def describe(self, images: UInt8[ndarray, "b h w c"]) -> Float32[ndarray, "b d"]:
         """Descriptors of images of bytes, on the network's device."""
         device = next(self.network.parameters()).device
+        images = np.require(images, requirements="W")  # a decoded file cannot be written to, which torch warns of
         batch = torch.from_numpy(images).permute(0, 3, 1, 2).to(device).float() / 255
         return np.ascontiguousarray(self.network(batch).float().cpu().numpy())
