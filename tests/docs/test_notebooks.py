@@ -52,8 +52,18 @@ def test_links_lead_to_pages_and_their_headings(path):
 
 
 def test_readme_and_the_front_page_link_all():
-    for page, folder in ((ROOT / "README.md", "notebooks/"), (ROOT / "docs" / "index.md", "notebooks/")):
+    for page, folder in ((ROOT / "README.md", "notebooks/"), (ROOT / "docs" / "index.md", "../notebooks/")):
         text = page.read_text()
         for path in NOTEBOOKS:
-            ending = ".ipynb" if page.name == "README.md" else ".md"
-            assert f"]({folder}{path.stem}{ending})" in text, (page.name, path.stem)
+            assert f"]({folder}{path.name})" in text, (page.name, path.stem)
+
+
+def test_links_to_notebooks_lead_to_their_files_where_the_site_is_not_built():
+    """The site leads them to its pages, and is built strictly."""
+    links = [
+        (page, target)
+        for page in (ROOT / "docs").rglob("*.md")
+        for target in re.findall(r"\]\(([^)]*notebooks/[^)]*)\)", page.read_text())
+    ]
+    assert len(links) >= 2 * len(NOTEBOOKS)
+    assert [link for link in links if not (link[0].parent / link[1]).is_file()] == []
