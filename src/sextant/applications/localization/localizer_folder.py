@@ -34,8 +34,10 @@ from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 
 DESCRIPTOR = "descriptor"
-#: images described at a time
-BATCH = 512
+#: images described at a time, by a baseline and by a network
+BATCH, NETWORK_BATCH = 512, 64
+#: what describes images where nothing is named, and the shorter side in pixels from which they show it enough
+USUAL, ENOUGH = "zoo:places", 96
 
 
 class Saveable(Protocol):
@@ -139,7 +141,7 @@ def _without_settings(
     """The arguments of a localizer in a map that was not saved by one."""
     if run is not None:
         raise UserError(f"run={run}: the map in {folder} does not tell what it was described with", "Leave out run=.")
-    filter = usual_filter(saved.model.map.poses, saved.model.kernel, motion=motion, recovery=recovery)
+    filter = usual_filter(saved.model.map.poses, motion=motion, recovery=recovery)
     return {
         "model": saved.model,
         "likelihood": saved.likelihood,
@@ -188,7 +190,12 @@ def check_descriptor(descriptor: Describes | str | Path | None) -> None:
 def described_map(
     images: UInt8[ndarray, "n h w c"], descriptor: Describes | str | Path | None
 ) -> tuple[KeptDescriptor, Float32[ndarray, "n d"]]:
-    """Descriptors of the images of a map, and the descriptor, which has learnt from them.
+    """Descriptors of the images of a map, and the descriptor, which has learnt from them if it learns.
+
+    Args:
+        images: of one size.
+        descriptor: unless given, the network of places that comes with the package, of colour images that show it
+            enough; of others whitened principal components.
 
     Raises:
         UserError: they are no images, or too few for the descriptor.
@@ -200,8 +207,10 @@ def described_map(
         )
     if isinstance(descriptor, str) and (kind := find_baseline(descriptor)) is not None:
         descriptor = kind()
+    if descriptor is None and images.shape[3] == 3 and min(images.shape[1:3]) >= ENOUGH:
+        descriptor = USUAL
     if isinstance(descriptor, str | Path):
-        kept = kept_network(resolve_run(str(descriptor), default_outputs()).checkpoint)
+        kept, size = kept_network(resolve_run(str(descriptor), default_outputs()).checkpoint), NETWORK_BATCH
     else:
         chosen = WhitenedPCA(32, 48, min(128, len(images) // 2)) if descriptor is None else descriptor
         try:
@@ -209,9 +218,9 @@ def described_map(
                 chosen.fit(images)
         except ValueError as error:
             raise UserError(f"descriptor: {error}", "Fewer dimensions, or a larger map.") from None
-        kept = kept_baseline(chosen)
+        kept, size = kept_baseline(chosen), BATCH
     assert kept.describer is not None
-    parts = [kept.describer.describe(images[start : start + BATCH]) for start in range(0, len(images), BATCH)]
+    parts = [kept.describer.describe(images[start : start + size]) for start in range(0, len(images), size)]
     return kept, np.ascontiguousarray(np.concatenate(parts), np.float32)
 
 
