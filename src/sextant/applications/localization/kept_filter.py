@@ -15,6 +15,7 @@ from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import MapSupport, map_spacing
 from sextant.localization.motion import ExponentialMotion, MotionModel
 from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
@@ -59,10 +60,14 @@ def filter_of(
 
 
 def usual_filter(
-    poses: Float64[Tensor, "n 3"], *, motion: MotionModel | None = None, recovery: Recovery | None = None
+    poses: Float64[Tensor, "n 3"],
+    kernel: PoseKernel,
+    *,
+    motion: MotionModel | None = None,
+    recovery: Recovery | None = None,
 ) -> ParticleFilter:
-    """The filter of a map of which nothing else is known: all its scales follow from the spacing of the map."""
-    spacing, support = map_spacing(poses), MapSupport.of(poses)
+    """The filter of a map and its kernel, of which nothing else is known: scales follow from the map's spacing."""
+    spacing, support = map_spacing(poses), MapSupport.of(poses, kernel)
     return ParticleFilter(
         motion or usual_motion(spacing),
         SystematicResampling(),

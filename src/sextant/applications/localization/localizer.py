@@ -377,7 +377,7 @@ class Localizer:
 
             observation = CachedLocalGP(min(16, len(found)), map_evidence="mean")
         model = observation.fit(found, kernel or _fitted_kernel(found, steps))
-        filter = usual_filter(found.poses, motion=motion, recovery=recovery)
+        filter = usual_filter(found.poses, model.kernel, motion=motion, recovery=recovery)
         return cls(
             model,
             likelihood or Likelihood(tempering=TEMPERING),

@@ -141,7 +141,7 @@ def _without_settings(
     """The arguments of a localizer in a map that was not saved by one."""
     if run is not None:
         raise UserError(f"run={run}: the map in {folder} does not tell what it was described with", "Leave out run=.")
-    filter = usual_filter(saved.model.map.poses, motion=motion, recovery=recovery)
+    filter = usual_filter(saved.model.map.poses, saved.model.kernel, motion=motion, recovery=recovery)
     return {
         "model": saved.model,
         "likelihood": saved.likelihood,
