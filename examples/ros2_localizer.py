@@ -33,7 +33,10 @@ class LocalizerNode(Node):  # type: ignore[misc]
 
     def __init__(self) -> None:
         super().__init__("sextant_localizer")
-        self.localizer = Localizer.load(self.declare_parameter("map", "").value)
+        folder = self.declare_parameter("map", "").value
+        if not folder:
+            raise SystemExit("map is missing: --ros-args -p map:=<folder of a run or of a saved localizer>")
+        self.localizer = Localizer.load(folder)
         self.odometry: torch.Tensor | None = None  # x, y and heading, the newest
         self.before: torch.Tensor | None = None  # the same at the last image
         self.poses = self.create_publisher(PoseWithCovarianceStamped, "pose", 10)
@@ -51,7 +54,12 @@ class LocalizerNode(Node):  # type: ignore[misc]
         unknown = self.before is None or self.odometry is None
         motion = None if unknown else se2_between(self.before, self.odometry).numpy()
         self.before = self.odometry
-        told = self.localizer.step(motion, np.asarray(picture_of(message, "sensor_msgs/msg/Image").convert("RGB")))
+        try:
+            image = np.asarray(picture_of(message, "sensor_msgs/msg/Image").convert("RGB"))
+        except ValueError as error:  # an encoding that is not read, or a message that is broken
+            self.get_logger().warning(f"an image was left out: {error}", throttle_duration_sec=5.0)
+            image = None
+        told = self.localizer.step(motion, image)
         if told.lost:
             self.get_logger().warning(f"lost: the likeliest place holds {told.mass:.0%}", throttle_duration_sec=5.0)
             return

@@ -99,3 +99,11 @@ def test_a_robot_that_is_lost_is_warned_of_and_not_published(node):
     node.heard["image"](bags.image(0, noise))  # without odometry, its motion is unknown
     assert not node.published
     assert node.said[0].startswith("lost: the likeliest place holds ")
+
+
+def test_an_image_that_cannot_be_read_is_left_out_with_a_warning(node):
+    bags = Bags(2)
+    node.heard["image"](bags.image(0, np.ascontiguousarray(seen_at(10)), encoding="bayer_rggb8"))
+    assert node.said[0].startswith("an image was left out: encoding bayer_rggb8 is not one of mono8")
+    node.heard["image"](bags.image(1, np.ascontiguousarray(seen_at(10))))
+    assert node.localizer.belief is not None

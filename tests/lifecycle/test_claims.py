@@ -116,6 +116,13 @@ def test_changed_results_are_refused(tmp_path):
         check_digests(CLAIMS, docs)
 
 
+def test_a_stored_table_of_short_runs_that_is_missing_is_refused(tmp_path):
+    shutil.copytree(DOCS, tmp_path / "docs", ignore=shutil.ignore_patterns("*.png", "*.jpg", "*.svg"))
+    (tmp_path / "docs" / "claims" / "quick" / "recovery" / "seeds.csv").unlink()
+    with pytest.raises(UserError, match=r"quick/recovery/seeds.csv is not there"):
+        check_digests(CLAIMS, tmp_path / "docs")
+
+
 def test_a_claim_needs_arms_and_rows_that_are_there(tmp_path):
     part = DEMO["parts"][0]
     stored_pairs(tmp_path, ("lenet_a", 3.0, 1.0))

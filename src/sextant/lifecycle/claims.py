@@ -128,6 +128,9 @@ def check_digests(claims: Claims, stored: Path) -> None:
     """
     lines = (line.partition("  ") for line in (stored / DIGESTS).read_text("utf-8").splitlines())
     known = {name: digest for digest, _, name in lines}
+    lost = sorted(name for name in known if not (stored / name).is_file())
+    if lost:
+        raise UserError(f"{stored / lost[0]} is not there", f"Restore it: git checkout {lost[0]}")
     for name, digest in digests(claims, stored).items():
         if known.get(name) != digest:
             raise UserError(

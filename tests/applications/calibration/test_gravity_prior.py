@@ -48,7 +48,8 @@ def test_gravity_decides_tilt_and_roll_and_narrows_their_intervals(china, calibr
 def test_gravity_that_the_picture_contradicts_casts_doubt_used_or_not(china, calibrator, tmp_path):
     path, free = china
     wrong = tagged(path, tmp_path, free.tilt_deg + 40, free.roll_deg + 20)
-    for camera in (calibrator.calibrate(wrong), calibrator.calibrate(wrong, gravity_prior="exif")):
+    for priors in ({}, {"gravity_prior": "exif"}, {"gravity_prior": "exif", "focal_prior": 600.0}):
+        camera = calibrator.calibrate(wrong, **priors)
         assert any("which the picture contradicts" in reason for reason in camera.reasons)
         assert camera.verdict != "good"
     assert calibrator.calibrate(wrong).tilt_deg == pytest.approx(free.tilt_deg, abs=1.0)

@@ -15,8 +15,8 @@ from sextant.applications.calibration.priors import (
     FocalPrior,
     GravityPrior,
     check_priors,
-    with_focal_prior,
     with_gravity,
+    with_priors,
 )
 from sextant.applications.calibration.reporting import photo_camera
 from sextant.applications.failures import Errors, FailedPhoto, attempted, raise_failed, several
@@ -195,7 +195,7 @@ class PhotoCalibrator:
                 yield found
 
     def _camera(self, found: Finding, focal_prior: FocalPrior, gravity_prior: GravityPrior) -> PhotoCamera:
-        return photo_camera(with_focal_prior(with_gravity(found, gravity_prior), focal_prior), self.network)
+        return photo_camera(with_priors(found, focal_prior, gravity_prior), self.network)
 
     def _found(self, photos: Iterable[tuple[str, AnyPhoto]]) -> Iterator[Finding | FailedPhoto]:
         for found in find_cameras(self.network, photos, look_at_lines=self.method != "network"):

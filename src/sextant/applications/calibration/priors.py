@@ -76,24 +76,34 @@ def with_focal_prior(finding: Finding, focal_prior: FocalPrior) -> Finding:
 
 def with_gravity(finding: Finding, gravity_prior: GravityPrior) -> Finding:
     """The finding with the accelerometer's gravity among the evidence; where it is not used it may still cast doubt."""
+    held, doubts = _held(finding, gravity_prior)
+    return held.doubted(0 if held.photo.gravity is None else 1, *doubts)
+
+
+def with_priors(finding: Finding, focal_prior: FocalPrior, gravity_prior: GravityPrior) -> Finding:
+    """The finding with both priors among the evidence, and what either says against it."""
+    held, doubts = _held(finding, gravity_prior)
+    return with_focal_prior(held, focal_prior).doubted(0 if held.photo.gravity is None else 1, *doubts)
+
+
+def _held(finding: Finding, gravity_prior: GravityPrior) -> tuple[Finding, list[str]]:
+    """The finding with gravity as it is asked for, and doubts about that."""
     known = finding.photo.gravity
     if known is None:
-        asked = gravity_prior is not None
-        return finding.doubted(0, *["the metadata contain no gravity: none was used"] * asked)
+        return finding, ["the metadata contain no gravity: none was used"] * (gravity_prior is not None)
     belief = GravityBelief(known, GRAVITY_SIGMA)
     off = np.array(belief.pose) - [float(finding.camera.tilt), float(finding.camera.roll)]
     steep = max(math.cos(belief.pose[0]), GRAVITY_SIGMA)  # nearly straight down any roll is the same camera
     doubts: list[str] = []
     if (np.abs(off) > np.hypot(finding.half["95"][:2], [2 * GRAVITY_SIGMA, 2 * GRAVITY_SIGMA / steep])).any():
         tilt, roll = (math.degrees(angle) for angle in belief.pose)
-        doubts = [
-            f"the accelerometer gives a tilt of {tilt:.0f}° and a roll of {roll:.0f}°, which the picture contradicts"
-        ]
+        said = f"the accelerometer gives a tilt of {tilt:.0f}° and a roll of {roll:.0f}°"
+        doubts = [f"{said}, which the picture contradicts"]
     if gravity_prior is None:
-        return finding.doubted(1, *doubts)
+        return finding, doubts
     if finding.network is None:
-        return finding.doubted(1, *doubts, "gravity was not used: the network alone has no place for it")
-    return jointly(replace(finding, gravity=belief)).doubted(1, *doubts)
+        return finding, [*doubts, "gravity was not used: the network alone has no place for it"]
+    return jointly(replace(finding, gravity=belief)), doubts
 
 
 def _jointly_with(finding: Finding, prior: Prior, focal_prior: FocalPrior) -> Finding:

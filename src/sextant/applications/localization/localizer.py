@@ -37,6 +37,7 @@ from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
+from sextant.localization.map_support import map_spacing
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observation.evidence import Evidence
@@ -139,6 +140,7 @@ class Localizer:
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
         self.lag = lag
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
+        self._spacing = map_spacing(filter.prior.poses)
         self.reset()
 
     # -- live use ------------------------------------------------------------------------------------------------------
@@ -257,7 +259,7 @@ class Localizer:
         support = self.filter.support
         if support is None or not bool(moved.isfinite().all()):
             return math.inf
-        return float(moved[:2].norm()) / (2 * support.reach) + abs(float(moved[2])) / (2 * support.heading_reach)
+        return float(moved[:2].norm()) / self._spacing + abs(float(moved[2])) / (2 * support.heading_reach)
 
     def _seen(self, image: AnyImage | None, descriptor: ndarray | None) -> Tensor | None:
         if image is not None and descriptor is not None:
@@ -354,8 +356,8 @@ class Localizer:
             images: bytes; or files, arrays or pictures, stretched to the size of the first.
             poses: x, y in metres and heading in rad, counter-clockwise.
             descriptor: one of :mod:`sextant.baselines` or its name, a run of place recognition, or anything with
-                ``describe``. Unless given, ``zoo:places`` of colour images of at least 96 pixels a side, which takes some
-                20 ms each; whitened principal components of 32x48 pixels of others.
+                ``describe``. Unless given, ``zoo:places`` of colour images of at least 96 pixels a side, which takes
+                some 20 ms each; whitened principal components of 32x48 pixels of others.
             kernel: fitted unless given, by the joint likelihood of at most 600 of the images.
             observation: to be fitted; the cached local Gaussian process unless given.
             likelihood: with a tempering of 0.125 unless given; then how the world has changed is learned on the way.
