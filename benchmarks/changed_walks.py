@@ -16,11 +16,12 @@ from rich.console import Console
 from rich.table import Table
 
 from sextant import Localizer
+from sextant.baselines import WhitenedPCA
 from sextant.cli.arguments import parse_arguments
 from sextant.evaluation import share_interval
 from sextant.localization.likelihood import Likelihood
 
-KEYS = {"seeds": "how many; 8 unless given"}
+KEYS = {"seeds": "how many; 8 unless given", "walks": "those whose names begin so; all unless given"}
 CHI2_95 = 5.991  # of two dimensions
 JUDGED_FROM = 60
 #: map, query and their stretch of images
@@ -40,8 +41,11 @@ def photos(folder: Path, first: int, last: int) -> ndarray:
     return np.stack([np.asarray(Image.open(path).convert("RGB")) for path in sorted(folder.iterdir())[first:last]])
 
 
-def variants(made: Localizer) -> Iterator[tuple[str, Localizer]]:
-    """The default, and what it is without each of its parts."""
+def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]:
+    """The default, what it is without each of its parts, and with another descriptor where it is the network's."""
+    made = Localizer.from_images(images, poses)
+    if made.descriptor.facts["kind"] == "network":
+        yield "whitened PCA", Localizer.from_images(images, poses, WhitenedPCA(32, 48, min(128, len(images) // 2)))
     alone = replace(made.filter, support=None)
     for name, filter, adapts in (
         ("default", made.filter, True),
@@ -73,13 +77,16 @@ def drive(localizer: Localizer, seen: ndarray, seed: int) -> ndarray:
 
 def main() -> None:
     """Measure all walks."""
-    seeds = int(parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.changed_walks seeds=8").get("seeds", 8))
+    chosen = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.changed_walks seeds=8")
+    seeds = int(chosen.get("seeds", 8))
     data, table = Path(os.environ["SEXTANT_DATA"]), Table("walk", "localizer", *COLUMNS)
     for walk, (map_folder, query_folder, first, last) in WALKS.items():
+        if not walk.startswith(chosen.get("walks", "")):
+            continue
         images, seen = photos(data / map_folder, first, last), photos(data / query_folder, first, last)
         poses = np.zeros((len(images), 3))
         poses[:, 0] = np.arange(len(images))
-        for name, localizer in variants(Localizer.from_images(images, poses)):
+        for name, localizer in variants(images, poses):
             found = np.stack([drive(localizer, seen, seed) for seed in range(seeds)])
             low, high = share_interval(found[:, 0] / 100, trials=seeds)
             mean = found.mean(0)
