@@ -44,7 +44,7 @@ RUN = {
     "python train.py task=cosfire": (QUICK_FILTERS[1:], "cosfire_svm"),
     "python train.py task=cosfire bank=gabor strategy=circles": (QUICK_FILTERS[1:] + PLAIN[2:], "cosfire_svm"),
     "python train.py inhibition=push_pull corruption=gaussian": (
-        (*ONCE, "corruption.corruptions.gaussian.levels=[0.1]"),
+        tuple(each for each in ONCE if "contrast_poisson" not in each),
         "test/accuracy/gaussian/0.1",
     ),
     "python train.py task=localization 'dataset.size_m=[14, 12]' 'dataset.metres=[40, 8, 16]' dataset.every=4 "

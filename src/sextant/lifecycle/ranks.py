@@ -25,7 +25,10 @@ LOOPBACK = "lo"
 ENDS_S = 60.0  # how long another process may take to end after the last step
 DIES_S = 5.0  # and to be seen to have died once it is not heard of any more
 PROGRAM = "import json, sys; given = json.loads(sys.stdin.readline()); sys.path[:] = given['path']; "
-PROGRAM += "from sextant.lifecycle.rank_process import main; main(given)"
+PROGRAM += "from sextant.lifecycle.rank_process import main; main(given); "
+PROGRAM += (
+    "import os; os._exit(0)"  # nothing is left to do; gloo's threads now and then abort a process that takes leave
+)
 
 
 class Rank(LightningEnvironment):
