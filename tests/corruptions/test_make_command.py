@@ -202,13 +202,13 @@ def test_an_interrupted_process_resumes_to_the_same_files(make, tmp_path):
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeds_signals
     )
-    while not (tmp_path / "out" / "contrast.npy").exists() and process.poll() is None:
+    while not list((tmp_path / "out").glob("*.npy")) and process.poll() is None:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     said = process.communicate(timeout=120)[0]
     done = all((tmp_path / "out" / f"{name}.npy").exists() for name in ("contrast", "glass_blur", "fog"))
     assert process.returncode == 130 or done  # a process that is done may end by the signal: Python handles none then
-    if process.returncode == 130:
+    if not done:
         assert "interrupted" in said
         assert not list((tmp_path / "out").glob("*.tmp"))
     assert make(*arguments)[0] == 0
