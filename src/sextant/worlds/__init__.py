@@ -1,6 +1,8 @@
 """Worlds: a procedural town and an office, rendered by ray casting for any camera, light and season."""
 
 from sextant.worlds.appearance import CONDITIONS, Appearance, condition
+from sextant.worlds.footprints import Footprint
+from sextant.worlds.given_streets import given_streets
 from sextant.worlds.laser import LaserScanner, scan
 from sextant.worlds.occupancy import OccupancyGrid, occupancy_from_scans
 from sextant.worlds.office import Office
@@ -19,6 +21,7 @@ from sextant.worlds.trajectories import load_cold, load_kitti_poses
 __all__ = [
     "CONDITIONS",
     "Appearance",
+    "Footprint",
     "LaserScanner",
     "Motion",
     "OccupancyGrid",
@@ -33,6 +36,7 @@ __all__ = [
     "condition",
     "coverage_tour",
     "drive",
+    "given_streets",
     "grid_streets",
     "irregular_streets",
     "load_cold",

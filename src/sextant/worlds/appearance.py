@@ -137,6 +137,9 @@ def condition(name: str, **factors: float) -> Appearance:
 
     Raises:
         UserError: there is no such condition or factor, or a value is out of range.
+
+    >>> condition("fog", snow=0.5).fog_per_m
+    0.035
     """
     if name not in CONDITIONS:
         raise UserError(f"there is no condition {name!r}", f"Choose one of: {', '.join(CONDITIONS)}.")

@@ -112,8 +112,8 @@ class Ground:
             longest = max(self.sides(i, shortest_m=0.5), key=lambda side: side.length, default=None)
             heading = longest.heading if longest else 0.0
             paving = surface_rows(Kind.PAVEMENT, 1, seed=(i * 0.37) % 1, heading=heading)
-            parts.append(_flat(block.difference(lot), KERB_M, paving))
-            parts.append(_flat(lot, KERB_M, surface_rows(kind, 1, seed=(i * 0.61) % 1, heading=heading)))
+            parts.append(flat(block.difference(lot), KERB_M, paving))
+            parts.append(flat(lot, KERB_M, surface_rows(kind, 1, seed=(i * 0.61) % 1, heading=heading)))
             parts.append(_kerb(block))
         parts.append(_far_country(self.graph.bounds))
         return Mesh.join(parts)
@@ -158,7 +158,7 @@ def _polygons(shape: shapely.Geometry) -> list[Polygon]:
     return [p for p in shapely.get_parts(shape).tolist() if isinstance(p, Polygon) and not p.is_empty]
 
 
-def _flat(shape: shapely.Geometry, z: float, row: Float64[ndarray, "1 24"]) -> Mesh:
+def flat(shape: shapely.Geometry, z: float, row: Float64[ndarray, "1 24"]) -> Mesh:
     """A level area, triangulated."""
     triangles = []
     for polygon in _polygons(shape):
@@ -187,4 +187,4 @@ def _far_country(bounds: tuple[float, float, float, float]) -> Mesh:
     left, bottom, right, top = bounds
     hole = shapely.box(left - COUNTRY_M, bottom - COUNTRY_M, right + COUNTRY_M, top + COUNTRY_M)
     rim = shapely.box(left - FAR_M, bottom - FAR_M, right + FAR_M, top + FAR_M).difference(hole)
-    return _flat(rim, KERB_M, surface_rows(Kind.FIELD, 1))
+    return flat(rim, KERB_M, surface_rows(Kind.FIELD, 1))

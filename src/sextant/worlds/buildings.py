@@ -1,15 +1,18 @@
 """Buildings of a town: walls, roofs and what projects from them, for many buildings at once."""
 
+from collections.abc import Mapping
+
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
+from shapely import Polygon
 
 from sextant.worlds.building_design import FLAT, GABLE, HIP, MANSARD, Buildings, design, footprints
 from sextant.worlds.building_details import details
 from sextant.worlds.mesh import Mesh, instances, place, quads
 from sextant.worlds.roofs import roofs
-from sextant.worlds.shading.facade import CURTAIN, HOME, OFFICE, RIBBON
-from sextant.worlds.surfaces import Kind, palette, surface_rows
+from sextant.worlds.surfaces import palette
+from sextant.worlds.walls import Paint, shaped_mesh, wall_rows
 
 __all__ = ["FLAT", "GABLE", "HIP", "MANSARD", "Buildings", "building_mesh", "design", "footprints"]
 
@@ -27,14 +30,22 @@ DOOR_COLOURS = palette("#5b2f22", "#23402f", "#2a3f5f", "#6d1f1f", "#7a5a35", "#
 TILE_COLOURS = palette("#9c4f35", "#8a4630", "#7a3f2f", "#5b5553", "#4a4d52", "#6c5b4e", "#a8623f")
 #: by the style of the wall: PLASTER, BRICK, STONE, PANELS, BOARDS
 WALL_COLOURS = (PLASTER_COLOURS, BRICK_COLOURS, STONE_COLOURS, PANEL_COLOURS, BOARD_COLOURS)
-#: a wall narrower than this has no windows, metres
-BLANK_M = 2.2
 
 
-def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int, *, fine: bool = True) -> Mesh:
+def building_mesh(
+    b: Buildings,
+    repaint: Bool[ndarray, "n"],
+    change_seed: int,
+    *,
+    fine: bool = True,
+    shapes: Mapping[int, Polygon] | None = None,
+) -> Mesh:
     """Triangles of all buildings; those in ``repaint`` get new colours, windows and shops.
 
     Without ``fine``, details that a small picture cannot show are left out: sides of balconies, tops of chimneys.
+
+    Args:
+        shapes: outlines of the buildings that are no rectangles, by their number; their roofs are flat.
     """
     if not len(b):
         return Mesh.empty()
@@ -45,10 +56,16 @@ def building_mesh(b: Buildings, repaint: Bool[ndarray, "n"], change_seed: int, *
     colour = np.stack([_drawn(table, style[0]) for table in WALL_COLOURS])[b.wall, np.arange(len(b))]
     colour = colour * (0.88 + 0.2 * style[1])[:, None]
     tile = _drawn(TILE_COLOURS, style[5]) * (0.85 + 0.3 * style[6])[:, None]
+    paint = (colour, _drawn(DOOR_COLOURS, style[3]), style[2])
+    shapes = shapes or {}
+    shaped = np.array(sorted(shapes), np.int64)
+    square = np.delete(np.arange(len(b)), shaped)
+    some = b.some(square)
     return Mesh.join([
-        _walls(b, colour, _drawn(DOOR_COLOURS, style[3]), style[2], seed),
-        roofs(b, tile, seed),
-        details(b, colour, _drawn(TRIM_COLOURS, style[2]), seed, fine=fine),
+        _walls(some, _of(paint, square), seed[square]),
+        roofs(some, tile[square], seed[square]),
+        details(some, colour[square], _drawn(TRIM_COLOURS, style[2])[square], seed[square], fine=fine),
+        shaped_mesh([shapes[i] for i in shaped.tolist()], b.some(shaped), _of(paint, shaped), seed[shaped]),
     ])  # fmt: skip
 
 
@@ -57,26 +74,18 @@ def _drawn(table: Float64[ndarray, "k 3"], draw: Float64[ndarray, "n"]) -> Float
     return np.asarray(table[(draw * len(table)).astype(int)])
 
 
-def _walls(
-    b: Buildings,
-    colour: Float64[ndarray, "n 3"],
-    door: Float64[ndarray, "n 3"],
-    trim: Float64[ndarray, "n"],
-    seed: Float64[ndarray, "n"],
-) -> Mesh:
-    """Four walls per building: front, right, back, left; gables reach up to the ridge.
+def _of(paint: Paint, rows: Int64[ndarray, "k"]) -> Paint:
+    colour, door, trim = paint
+    return colour[rows], door[rows], trim[rows]
 
-    Args:
-        colour, door: of the wall and of its doors and shutters.
-        trim: how ornate the surrounds of windows, corners and storeys are, 0 to 1.
-        seed: of the texture.
-    """
+
+def _walls(b: Buildings, paint: Paint, seed: Float64[ndarray, "n"]) -> Mesh:
+    """Four walls per building: front, right, back, left; gables reach up to the ridge."""
     w, d, h = b.size.T
     starts = b.outline
     ends = np.roll(starts, -1, axis=1)
     level, nobody = np.zeros(len(b)), np.zeros(len(b), bool)
     attached = (nobody, b.attached[:, 1], nobody, b.attached[:, 0])
-    bay_width = np.select([b.window == RIBBON, b.window == CURTAIN], [3.2, 1.7], 2.5 + 0.9 * seed)
     meshes = []
     for side, width in enumerate((w, d, w, d)):
         gabled = (b.roof == GABLE) & (b.across == (side % 2 == 0))
@@ -87,13 +96,9 @@ def _walls(
         peak = np.column_stack([0.5 * (start + end), h + np.where(gabled, b.rise, 0.0)])
         top = np.stack([corners[:, 3], corners[:, 2], peak], 1)
         placed = place(np.concatenate([quads(corners), top[:, None]], 1), b.position, b.heading)
-        use = np.where(side == 0, b.use, np.where(b.use == OFFICE, OFFICE, HOME))
-        bays = np.maximum(1, np.round(width / bay_width))
-        blank = attached[side] | (width < BLANK_M)
-        rows = surface_rows(
-            Kind.FACADE, len(b), seed=(seed * 4 + side) / 4 % 1.0, colour=colour, second=door,
-            origin=placed[:, 0, 0], heading=b.heading + side * np.pi / 2,
-            parameters=(width, h, b.ground, b.storeys, bays, use, b.window, b.wall, blank, trim),
+        rows = wall_rows(
+            b, width, placed[:, 0, 0], b.heading + side * np.pi / 2, paint, seed,
+            side=side, front=np.full(len(b), side == 0), blank=attached[side],
         )  # fmt: skip
         meshes.append(instances(placed[:, :2], rows))
         meshes.append(instances(placed[gabled, 2:], rows[gabled]))

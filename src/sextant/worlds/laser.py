@@ -39,6 +39,10 @@ class LaserScanner:
 
     Raises:
         UserError: a value is out of range.
+
+    Example:
+        >>> np.degrees(LaserScanner(beams=5).angles)  # half a turn, from right to left
+        array([-90., -45.,   0.,  45.,  90.])
     """
 
     beams: int = 180
@@ -81,7 +85,15 @@ class LaserScanner:
 def scan(
     scanner: LaserScanner, caster: RayCaster, poses: Float[ndarray, "n 3"], rng: np.random.Generator
 ) -> Float[ndarray, "n beams"]:
-    """Ranges in metres from each pose (x, y in metres, heading in radians); see `LaserScanner`."""
+    """Ranges in metres from each pose (x, y in metres, heading in radians); see `LaserScanner`.
+
+    >>> class Wall:  # at x = 2
+    ...     def distance(self, origins, directions):
+    ...         return np.where(directions[:, 0] > 1e-9, (2 - origins[:, 0]) / directions[:, 0].clip(1e-9), np.inf)
+    >>> ahead = LaserScanner(beams=3, max_range_m=10.0).exact()  # to the right, ahead and to the left
+    >>> scan(ahead, Wall(), np.array([[0.0, 0.0, np.pi / 3]]), np.random.default_rng(0)).round(2)
+    array([[ 2.31,  4.  , 10.  ]])
+    """
     bearing = poses[:, 2:] + scanner.angles  # (n, beams)
     directions = np.stack([np.cos(bearing), np.sin(bearing), np.zeros_like(bearing)], axis=-1).reshape(-1, 3)
     eyes = np.column_stack([poses[:, :2], np.full(len(poses), scanner.height_m)])

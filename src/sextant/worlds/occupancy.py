@@ -35,6 +35,13 @@ class OccupancyGrid:
 
     Raises:
         ValueError: a cell has another value, there are no cells, or the resolution is not positive.
+
+    Example:
+        >>> grid = OccupancyGrid(np.array([[0, 0, 1]], np.uint8), resolution_m=0.5, origin=(0.0, 0.0))
+        >>> grid.state_at(np.array([[1.2, 0.2], [9.0, 9.0]]))  # in the last cell; outside
+        array([1, 2], dtype=uint8)
+        >>> grid.distance_m()
+        array([[1. , 0.5, 0. ]])
     """
 
     cells: UInt8[ndarray, "rows columns"]
@@ -114,6 +121,11 @@ def occupancy_from_scans(
 
     Raises:
         UserError: bounds or resolution are not usable.
+
+    >>> ahead = LaserScanner(beams=1, max_range_m=10.0)  # from the origin along x
+    >>> occupancy_from_scans(ahead, np.zeros((1, 3)), np.array([[2.25]]), 0.5, (-1.0, -0.5, 3.5, 0.5)).cells
+    array([[2, 2, 2, 2, 2, 2, 2, 2, 2],
+           [2, 2, 0, 0, 0, 0, 1, 2, 2]], dtype=uint8)
     """
     bearing = poses[:, 2:] + scanner.angles
     ends = poses[:, None, :2] + ranges[..., None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)

@@ -52,6 +52,13 @@ def plan_along(*trajectories: Float[ndarray, "n c"], seed: int = 0) -> FloorPlan
 
     Raises:
         UserError: there are no poses, one is not finite, or they span more than 400 m.
+
+    >>> along = np.stack([np.linspace(0, 10, 51), np.zeros(51)], axis=1)  # ten metres straight on
+    >>> plan = plan_along(along)
+    >>> plan.rooms[0].kind.name, len(plan.rooms)
+    ('CORRIDOR', 6)
+    >>> plan.local_free.exterior.distance(shapely.LineString(plan.to_plan(along))) >= CLEARANCE_M
+    True
     """
     points = [_checked(trajectory, k) for k, trajectory in enumerate(trajectories)]
     if not points:

@@ -31,6 +31,10 @@ def procedural_plan(size: tuple[float, float], seed: int) -> FloorPlan:
 
     Raises:
         UserError: a side is not a number within ``SIZES_M``.
+
+    >>> plan = procedural_plan((40.0, 16.0), seed=0)
+    >>> len(plan.rooms), plan.rooms[0].kind.name
+    (18, 'CORRIDOR')
     """
     for axis, (value, (low, high)) in enumerate(zip(size, SIZES_M, strict=True)):
         if not (isinstance(value, int | float) and np.isfinite(value) and low <= value <= high):

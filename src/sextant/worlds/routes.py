@@ -26,6 +26,12 @@ class Route:
         edges: the edge of the street graph for each frame.
         arc_m: metres along the ideal line through the same nodes, without wander; increases with time. Frames with
             equal ``arc_m`` of two traverses of the same nodes are at the same place, whatever the seeds and speeds.
+
+    Example:
+        >>> from sextant.worlds import grid_streets
+        >>> route = drive(grid_streets(2, 1, spacing_m=100.0), [0, 1, 2], seed=0)  # ten frames a second
+        >>> route.sample_by_distance(50.0).arc_m  # a frame every 50 m
+        array([  0.,  50., 100., 150.])
     """
 
     times: Float[ndarray, " n"]
@@ -101,6 +107,14 @@ def drive(
 
     Raises:
         UserError: the nodes do not form a route (see `check_nodes`), or the frame rate is not in (0, 1000] Hz.
+
+    >>> from sextant.worlds import grid_streets
+    >>> first, second = (drive(grid_streets(2, 1, spacing_m=100.0), [0, 1, 2], seed=seed) for seed in (1, 2))
+    >>> float(first.times[-1].round(1)), float(second.times[-1].round(1))  # the second stopped at a junction
+    (23.6, 33.1)
+    >>> a, b = (route.sample_by_distance(10.0).poses[:, :2] for route in (first, second))
+    >>> bool(np.abs(a - b).max() < 1.5)  # the same places, but for where in the lane
+    True
     """
     return _traverse(lane_path(graph, nodes, share=0.25), seed, frame_rate_hz, gait)
 
@@ -111,6 +125,11 @@ def walk(
     """A walk through ``nodes`` on the right-hand pavement; otherwise as `drive`.
 
     It is 2.1 m from the carriageway and 1.2 m from parked cars.
+
+    >>> from sextant.worlds import grid_streets
+    >>> way = walk(grid_streets(2, 1, spacing_m=100.0), [0, 1, 2], seed=0)
+    >>> float(way.times[-1].round(1)), float(way.poses[:, 1].mean().round())  # 200 m; 2.1 m beyond half of 8 m
+    (144.8, -6.0)
     """
     return _traverse(lane_path(graph, nodes, share=0.5, beyond_m=2.1, radius_m=1.5), seed, frame_rate_hz, gait)
 

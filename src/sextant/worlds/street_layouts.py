@@ -35,6 +35,10 @@ def grid_streets(columns: int, rows: int, spacing_m: float, seed: int = 0, jitte
     Raises:
         UserError: no block, blocks under 40 m, more than 100,000 junctions, a town over 20 km, or jitter over a fifth
             of the spacing.
+
+    >>> streets = grid_streets(2, 1, spacing_m=100.0)  # two blocks side by side
+    >>> len(streets.nodes), len(streets.edges), streets.length_m
+    (6, 7, 700.0)
     """
     check_range("streets.columns", columns, 1, MAX_JUNCTIONS // 2)
     check_range("streets.rows", rows, 1, MAX_JUNCTIONS // 2)
@@ -56,6 +60,10 @@ def irregular_streets(size_m: float, block_m: float, seed: int, drop: float = 0.
     Raises:
         UserError: ``size_m`` is not in [80, 20000], ``block_m`` not in [40, size_m / 2], ``drop`` not in [0, 0.3], or
             there would be more than 100,000 junctions.
+
+    >>> town = irregular_streets(800.0, block_m=100.0, seed=1)
+    >>> len(town.nodes), len(town.edges)  # 8 x 8 corners, as a net with 112 streets of which nine were left out
+    (64, 103)
     """
     check_range("streets.size_m", size_m, 2 * MIN_SPACING_M, MAX_SIZE_M)
     check_range("streets.block_m", block_m, MIN_SPACING_M, size_m / 2)

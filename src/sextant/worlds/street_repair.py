@@ -32,9 +32,9 @@ def edge_length(town: nx.Graph, a: int, b: int) -> float:
     return float(np.linalg.norm(town.nodes[a]["at"] - town.nodes[b]["at"]))
 
 
-def repair(town: nx.Graph) -> None:
+def repair(town: nx.Graph, most: int = REPAIRS) -> None:
     """Step 3: one repair at a time, the most serious kind first."""
-    for _ in range(REPAIRS):
+    for _ in range(most):
         if not (_merge_short(town) or _split_crossing(town) or _split_near(town) or _zip_sharp(town)):
             return
 

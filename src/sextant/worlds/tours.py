@@ -41,6 +41,10 @@ def random_walk(graph: StreetGraph, length_m: float, seed: int, start: int | Non
     Raises:
         UserError: ``length_m`` is not positive and finite or would take more than a million nodes; ``start`` is not
             a node of the graph, or no street leads from it.
+
+    >>> from sextant.worlds import grid_streets
+    >>> random_walk(grid_streets(2, 1, spacing_m=100.0), length_m=250.0, seed=0)  # three streets of 100 m
+    [5, 4, 3, 0]
     """
     if not 0 < length_m < 1e6 * float(np.mean(graph.lengths)):
         limit = 1e6 * float(np.mean(graph.lengths))
@@ -68,6 +72,10 @@ def coverage_tour(graph: StreetGraph, start: int = 0) -> list[int]:
 
     Raises:
         UserError: ``start`` is not a node of the graph, or no street leads from it.
+
+    >>> from sextant.worlds import grid_streets
+    >>> coverage_tour(grid_streets(2, 1, spacing_m=100.0))  # round both blocks, then on to the street between them
+    [0, 1, 2, 5, 4, 3, 0, 1, 4]
     """
     nodes = [_check_node(graph, start)]
     fresh = set(range(len(graph.edges)))

@@ -1,5 +1,6 @@
 """A procedural town: what stands where, from a street graph and a seed, and its triangles in an appearance."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -7,12 +8,14 @@ import shapely
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy.spatial import cKDTree
+from shapely import Polygon
 
 from sextant.errors import UserError
 from sextant.worlds import street_objects as objects
 from sextant.worlds.appearance import Appearance
 from sextant.worlds.blocks import KERB_M, PAVEMENT_M, Ground
 from sextant.worlds.buildings import Buildings, building_mesh, design, footprints
+from sextant.worlds.footprints import Footprint, houses_on
 from sextant.worlds.lamps import Lamps
 from sextant.worlds.mesh import Mesh, boxes
 from sextant.worlds.placement import Objects, clear_of_cameras
@@ -40,6 +43,8 @@ class Town:
         detail: ``fine`` for pictures (trees with 1300 leaves), ``coarse`` for whole cities.
         density: how built-up the centre is, from 0 for a village to 1 for a city centre.
         keep_clear: positions (x, y) of cameras: no car, person, trunk, post, hedge or fence is within a step of them.
+        footprints: where buildings stand, as :func:`~sextant.worlds.footprints.fit_footprints` returns them; None for
+            houses along the streets.
     """
 
     def __init__(
@@ -50,13 +55,14 @@ class Town:
         detail: str = "fine",
         density: float = 0.75,
         keep_clear: Float64[ndarray, "n 2"] | None = None,
+        footprints: Sequence[Footprint] | None = None,
     ):
         if detail not in LEAVES:
             raise UserError(f"detail is {detail!r}; it must be one of {', '.join(LEAVES)}")
         if not 0 <= density <= 1:
             raise UserError(f"density is {density}; it must be from 0 to 1")
         self.graph, self.seed, self.detail, self.density = graph, seed, detail, density
-        self.ground = Ground(graph)
+        self.ground, self.footprints = Ground(graph), footprints
         self._cameras = None if keep_clear is None or not len(keep_clear) else cKDTree(keep_clear)
 
     # -- what stands where ---------------------------------------------------------------------------------------------
@@ -79,9 +85,11 @@ class Town:
         return np.append(np.where(park, -1.0, town), 0.55 * self.density)
 
     @cached_property
-    def buildings(self) -> Buildings:
-        """Houses along the lot lines of every block."""
+    def _built(self) -> tuple[Buildings, dict[int, Polygon]]:
+        """All buildings, and the outlines of those that are no rectangles, by their number."""
         rng = np.random.default_rng([self.seed, 2])
+        if self.footprints is not None:
+            return houses_on(self.footprints, self.ground, self.density, rng)
         found = [
             lot
             for block, density in enumerate(self.districts)
@@ -93,11 +101,23 @@ class Town:
         table = np.array(found)
         position = np.column_stack([table[:, :2], np.full(len(table), KERB_M)])
         attached = table[:, 7:9] > 0
-        return design(position, table[:, 2], table[:, 3:5], table[:, 5], attached, table[:, 6] > 0, rng)
+        return design(position, table[:, 2], table[:, 3:5], table[:, 5], attached, table[:, 6] > 0, rng), {}
+
+    @property
+    def buildings(self) -> Buildings:
+        """Houses along the lot lines of every block, or on the footprints given."""
+        return self._built[0]
+
+    @cached_property
+    def outlines(self) -> list[Polygon]:
+        """The footprint of each building."""
+        buildings, shapes = self._built
+        boxes = shapely.polygons(footprints(buildings).astype(np.float64)).tolist()
+        return [shapes.get(i, box) for i, box in enumerate(boxes)]
 
     @cached_property
     def _footprints(self) -> shapely.STRtree:
-        return shapely.STRtree(shapely.polygons(footprints(self.buildings).astype(np.float64)))
+        return shapely.STRtree(self.outlines)
 
     def _clear(self, points: Float64[ndarray, "n 2"], metres: float) -> Bool[ndarray, "n"]:
         """Which points keep a distance from every house."""
@@ -241,7 +261,7 @@ class Town:
         green = [bool(d < 0.62) for d in self.districts]
         return Mesh.join([
             self.ground.mesh(green),
-            building_mesh(self.buildings, repaint, a.change_seed, fine=fine),
+            building_mesh(self.buildings, repaint, a.change_seed, fine=fine, shapes=self._built[1]),
             tree_mesh(self.trees, a.foliage_density, LEAVES[self.detail]),
             objects.lamp_mesh(self.lamps.position, self.lamps.heading, fine=fine),
             objects.sign_mesh(self.signs.position, self.signs.heading, self.signs.seed),

@@ -45,6 +45,11 @@ def traced_streets(
     Raises:
         UserError: fewer than two distinct positions, a coordinate that is not finite, a trajectory not 60 m to
             20 km wide along x or y, or a share or reach out of range.
+
+    >>> there = np.arange(0, 400, 10.0)[:, None] * [1, 0]
+    >>> ways = there, np.concatenate([there, there[::-1]])
+    >>> [float(traced_streets(way, side_streets=0.0).widths.max()) for way in ways]  # there and back: an avenue
+    [8.0, 12.0]
     """
     check_range("streets.side_streets", side_streets, 0.0, 1.0)
     check_range("streets.reach_m", reach_m, 50.0, 1000.0)

@@ -44,6 +44,13 @@ def load_kitti_poses(path: Path | str) -> Float[ndarray, "n 4 4"]:
     Raises:
         UserError: there is no such file, it is empty, a line does not have 12 finite numbers, or a matrix is not a
             rotation.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = (file := Path(folder, "00.txt")).write_text("1 0 0 0 0 1 0 0 0 0 1 0.9")
+    ...     poses = load_kitti_poses(file)
+    >>> plane_positions(poses)  # of one frame, 0.9 m forwards
+    array([[0. , 0.9]])
     """
     lines = [line.split() for line in _read(path).splitlines() if line.strip()]
     if not lines:
@@ -72,6 +79,13 @@ def load_cold(path: Path | str) -> ColdSequence:
 
     Raises:
         UserError: there is no such file, it is not JSON, or a list is missing, of another length or malformed.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> content = {"im_paths": ["a.jpg"], "poses": [[0, -1, 0, 3, 1, 0, 0, 4, 0, 0, 1, 0]]}  # at (3, 4), to the left
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = (file := Path(folder, "map.json")).write_text(json.dumps(content))
+    ...     load_cold(file).poses.round(2)
+    array([[3.  , 4.  , 1.57]])
     """
     try:
         content: Any = json.loads(_read(path))

@@ -23,6 +23,15 @@ class FileBySplit(Node):
     test: str | None = Field(examples=["kitti/poses/05.txt"])
 
 
+class MapBySplit(Node):
+    """A GeoJSON file for each split, or none."""
+
+    train: str | None = Field(examples=["mytown.geojson"])
+    val: str | None = Field(examples=["mytown.geojson"])
+    test: str | None = Field(examples=["mytown.geojson"])
+
+
+Streets = Annotated[str | MapBySplit | None, Field(examples=["mytown.geojson"])]
 ImageSide = Annotated[int, Field(ge=16, le=4096)]
 Samples = Literal[1, 4, 9, 16]
 BlockSide = Annotated[float, Field(ge=60, le=400)]

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sextant.config.schema.parts import Count, Node, NonNegative, Part, Positive, Seed
-from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples
+from sextant.config.schema.splits import BlockSide, BySplit, Conditions, FileBySplit, ImageSide, Samples, Streets
 
 
 class World(Part):
@@ -15,6 +15,7 @@ class World(Part):
 class _Drives(World):
     """Drives through a town with a camera."""
 
+    later = ("streets",)
     frames: BySplit
     step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
     lateral_sigma_m: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.3])
@@ -23,6 +24,7 @@ class _Drives(World):
     height: ImageSide = Field(examples=[64])
     vfov_deg: Annotated[float, Field(ge=10, le=120)] = Field(examples=[55.0])
     samples: Samples = Field(examples=[4])
+    streets: Streets = None
 
 
 class TownSeasons(_Drives):
@@ -60,6 +62,7 @@ class TownFactors(_Drives):
 class TownCity(World):
     """A city seen from everywhere."""
 
+    later = ("streets",)
     target: Literal["sextant.data.worlds.TownCity"] = Field(alias="_target_")
     images: Count = Field(examples=[172000])
     headings: Annotated[int, Field(ge=1, le=72)] = Field(examples=[8])
@@ -72,6 +75,7 @@ class TownCity(World):
     conditions: Conditions
     query_frames: Annotated[int, Field(ge=0)] = Field(examples=[1000])
     query_step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[2.0])
+    streets: str | None = Field(None, examples=["mytown.geojson"])
     seed: Seed = Field(examples=[0])
 
 

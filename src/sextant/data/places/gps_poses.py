@@ -1,12 +1,7 @@
 r"""Where images were taken, by GPS in their EXIF blocks: metres in a local frame, x to the east and y to the north.
 
-A position of latitude φ, longitude λ and height h on WGS 84 has, with
-:math:`N = a / \sqrt{1 - e^2 \sin^2\varphi}`, the geocentric coordinates
-
-.. math:: ((N + h)\cos\varphi\cos\lambda,\; (N + h)\cos\varphi\sin\lambda,\; (N (1 - e^2) + h)\sin\varphi),
-
-of which those relative to the first image are taken along its axes east, north and up; only east and north are kept.
-Heights are those of the EXIF block, 0 where it has none. Source: NIMA TR8350.2, "World Geodetic System 1984".
+Of the geocentric positions (`sextant.data.geodesy`), those relative to the first image are taken along its axes
+east, north and up; only east and north are kept. Heights are those of the EXIF block, 0 where it has none.
 
 A heading is the direction that the block says the camera looks in, taken as true even if it is that of a compass. Where
 images lack it, headings are those of the way from image to image, which suppose that the camera looks ahead.
@@ -21,6 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.data.geodesy import geocentric, local_axes
 from sextant.data.places.pose_files import Pose
 from sextant.data.places.problem_list import problem_list
 from sextant.errors import ArgumentError
@@ -28,8 +24,6 @@ from sextant.errors import ArgumentError
 if TYPE_CHECKING:
     from sextant.data.photos.gps import GpsPosition
 
-#: semi-major axis in metres, and the square of the first eccentricity
-SEMI_MAJOR_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
 #: metres between images whose way from one to the other is a heading: GPS is about that exact
 STEP_M = 3.0
 
@@ -66,13 +60,9 @@ def local_poses(positions: "Sequence[GpsPosition]") -> list[Pose]:
     """
     values = [(each.latitude_deg, each.longitude_deg, each.altitude_m or 0.0) for each in positions]
     latitude, longitude, height = np.array(values, np.float64).reshape(-1, 3).T
-    axes = _axes(np.radians(latitude), np.radians(longitude))
-    sine, cosine = np.sin(np.radians(latitude)), np.cos(np.radians(latitude))
-    normal = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_2 * sine**2)
-    radii = np.stack([(normal + height) * cosine, (normal + height) * cosine, (normal * (1 - ECCENTRICITY_2) + height)])
-    spread = [np.cos(np.radians(longitude)), np.sin(np.radians(longitude)), sine]
-    geocentric = (radii * np.stack(spread)).T
-    x, y, _ = axes[0] @ (geocentric - geocentric[0]).T
+    latitude, longitude = np.radians(latitude), np.radians(longitude)
+    axes, places = local_axes(latitude, longitude), geocentric(latitude, longitude, height)
+    x, y, _ = axes[0] @ (places - places[0]).T
     direction = np.radians([np.nan if each.direction_deg is None else each.direction_deg for each in positions])
     looks = np.sin(direction)[:, None] * axes[:, 0] + np.cos(direction)[:, None] * axes[:, 1]
     to_east, to_north, _ = axes[0] @ looks.T
@@ -120,10 +110,3 @@ def course_deg(positions: Float64[ndarray, "n 2"]) -> Float64[ndarray, "n"] | No
     along = np.gradient(positions[kept], axis=0)
     headings = np.degrees(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
     return np.asarray(np.interp(np.arange(len(positions)), kept, headings))
-
-
-def _axes(latitude: Float64[ndarray, "n"], longitude: Float64[ndarray, "n"]) -> Float64[ndarray, "n 3 3"]:
-    """East, north and up at places, as rows in geocentric coordinates."""
-    sp, cp, sl, cl = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    rows = [-sl, cl, 0 * cl, -sp * cl, -sp * sl, cp, cp * cl, cp * sl, sp]
-    return np.stack(rows, axis=-1).reshape(-1, 3, 3)

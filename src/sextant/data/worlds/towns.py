@@ -14,7 +14,9 @@ import torch
 from jaxtyping import Float64
 from numpy import ndarray
 
+from sextant.data.worlds.geojson import load_geojson
 from sextant.data.worlds.shots import SPLITS, Shots, WorldPlan
+from sextant.errors import ArgumentError
 from sextant.geometry import Camera, EquirectangularCamera, PerspectiveCamera
 from sextant.worlds.appearance import Appearance
 from sextant.worlds.renderer import Renderer
@@ -39,15 +41,46 @@ class _TownPlan(WorldPlan):
 
     detail = "fine"
 
+    def invented(self, scene: int) -> StreetGraph:
+        """The streets of a town of which there is no map."""
+        raise NotImplementedError
+
+    def map_file(self, scene: int) -> str | None:
+        """The GeoJSON file that says what stands in a town, if there is one."""
+        return streets_of(self.config, self.split_of(scene))
+
+    def split_of(self, scene: int) -> str:
+        """The split that a town is in."""
+        return SPLITS[scene]
+
     def graph(self, scene: int) -> StreetGraph:
         """The streets of a town."""
-        raise NotImplementedError
+        file = self.map_file(scene)
+        return load_geojson(file).streets if file else self.invented(scene)
 
     def town(self, scene: int) -> Town:
         """A town; no two scenes share a seed."""
         cameras = self.shots.pose[self.shots.scene == scene, :2]
-        seed = town_seed(self.config["seed"], scene)
-        return Town(self.graph(scene), seed, detail=self.detail, density=self.density(scene), keep_clear=cameras)
+        file = self.map_file(scene)
+        return Town(
+            self.graph(scene),
+            town_seed(self.config["seed"], scene),
+            detail=self.detail,
+            density=self.density(scene),
+            keep_clear=cameras,
+            footprints=load_geojson(file).footprints if file else None,
+        )
+
+    def size_facts(self, scenes: Iterable[int]) -> dict[str, Any]:
+        """How large the towns are, and what was read of the maps of some."""
+        scenes = list(scenes)
+        graphs = [self.graph(scene) for scene in scenes]
+        facts: dict[str, Any] = {
+            "street_kilometres": round(sum(graph.length_m for graph in graphs) / 1000, 3),
+            "square_kilometres": round(sum(graph.area_km2 for graph in graphs), 3),
+        }
+        files = sorted({file for scene in scenes if (file := self.map_file(scene))})
+        return facts | ({"maps": {file: load_geojson(file).facts for file in files}} if files else {})
 
     def density(self, scene: int) -> float:
         """How built-up a town is."""
@@ -86,7 +119,11 @@ class TownPanoramasPlan(_TownPlan):
         towns = np.cumsum([0] + [self.config["towns"][split] for split in SPLITS])
         return [range(a, b) for a, b in pairwise(towns)]
 
-    def graph(self, scene: int) -> StreetGraph:
+    def split_of(self, scene: int) -> str:
+        """The split that a town is in."""
+        return next(split for split, scenes in zip(SPLITS, self._scenes_of_split, strict=True) if scene in scenes)
+
+    def invented(self, scene: int) -> StreetGraph:
         """Streets of a small town."""
         return irregular_streets(self.config["size_m"], self.config["block_m"], town_seed(self.config["seed"], scene))
 
@@ -111,8 +148,7 @@ class TownPanoramasPlan(_TownPlan):
 
     def describe(self) -> dict[str, Any]:
         """Towns and their size."""
-        graphs = [self.graph(scene) for scenes in self._scenes_of_split for scene in scenes]
-        return _size_facts(graphs) | {"towns": self.config["towns"]}
+        return self.size_facts(range(self._scenes_of_split[-1].stop)) | {"towns": self.config["towns"]}
 
 
 class TownSeasonsPlan(_TownPlan):
@@ -134,7 +170,7 @@ class TownSeasonsPlan(_TownPlan):
         }
         return replace(DRIVER, **wander)
 
-    def graph(self, scene: int) -> StreetGraph:
+    def invented(self, scene: int) -> StreetGraph:
         """Streets enough for the frames of the split, or those of a real trajectory."""
         trajectory = self.config["trajectories"][SPLITS[scene]]
         if trajectory:
@@ -173,7 +209,7 @@ class TownSeasonsPlan(_TownPlan):
     def describe(self) -> dict[str, Any]:
         """Towns and the length of a traverse."""
         frames = self.config["frames"]
-        return _size_facts([self.graph(scene) for scene in range(3)]) | {
+        return self.size_facts(range(3)) | {
             "traverse_kilometres": {name: round(frames[name] * self.config["step_m"] / 1000, 3) for name in SPLITS}
         }
 
@@ -198,9 +234,13 @@ class TownCityPlan(_TownPlan):
         """Built-up in the middle, gardens at the rim."""
         return 0.8
 
+    def invented(self, scene: int) -> StreetGraph:
+        """The streets of the city."""
+        return irregular_streets(self.config["size_m"], self.config["block_m"], town_seed(self.config["seed"], 0))
+
     @cached_property
     def _graph(self) -> StreetGraph:
-        return irregular_streets(self.config["size_m"], self.config["block_m"], town_seed(self.config["seed"], 0))
+        return super().graph(0)
 
     def graph(self, scene: int) -> StreetGraph:
         """The streets of the city."""
@@ -230,14 +270,7 @@ class TownCityPlan(_TownPlan):
 
     def describe(self) -> dict[str, Any]:
         """How large the city is."""
-        return _size_facts([self._graph]) | {"positions": math.ceil(self.config["images"] / self.config["headings"])}
-
-
-def _size_facts(graphs: Sequence[StreetGraph]) -> dict[str, Any]:
-    return {
-        "street_kilometres": round(sum(graph.length_m for graph in graphs) / 1000, 3),
-        "square_kilometres": round(sum(graph.area_km2 for graph in graphs), 3),
-    }
+        return self.size_facts([0]) | {"positions": math.ceil(self.config["images"] / self.config["headings"])}
 
 
 def street_poses(graph: StreetGraph, n: int, rng: np.random.Generator) -> Float64[ndarray, "n 6"]:
@@ -273,6 +306,12 @@ def file_hashes(paths: Iterable[str | None]) -> dict[str, str]:
     return {path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in there}
 
 
+def streets_of(config: Mapping[str, Any], split: str) -> str | None:
+    """The map of the town of a split: one file is that of every split, which has other houses, trees and drives."""
+    streets = config.get("streets")
+    return streets.get(split) if isinstance(streets, Mapping) else streets
+
+
 class RenderedWorld:
     """A dataset that is rendered on this machine when it is first needed.
 
@@ -290,14 +329,19 @@ class RenderedWorld:
 
     def plan(self) -> WorldPlan:
         """What is rendered, and how."""
-        return self.plan_type(self.name, self.config, list(self.config["conditions"]), self.config["samples"])
+        return self.plan_type(self.name, self.identified(), list(self.config["conditions"]), self.config["samples"])
+
+    def identified(self) -> dict[str, Any]:
+        """The config with the contents of the files that it names."""
+        maps = file_hashes(streets_of(self.config, split) for split in SPLITS)
+        return {**self.config, **({"streets_sha256": maps} if maps else {})}
 
 
 class TownPanoramas(RenderedWorld):
     """Upright 2:1 panoramas in many towns; the towns of a split are in no other split, nor are their seeds.
 
     Keys: ``images`` and ``towns`` by split, ``height`` in pixels, ``samples`` a pixel, ``conditions``, ``size_m``,
-    ``block_m``, ``seed``.
+    ``block_m``, ``streets`` (a GeoJSON file, or one by split, that the towns are built from), ``seed``.
     """
 
     name = "town_panoramas"
@@ -309,27 +353,35 @@ class TownSeasons(RenderedWorld):
 
     Keys: ``frames`` by split, ``step_m`` between frames, ``lateral_sigma_m`` and ``heading_sigma_deg`` of the car's
     wander, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions``,
-    ``block_m``, ``trajectories`` (KITTI pose files by split, whose streets are then traced), ``seed``.
+    ``block_m``, ``trajectories`` (KITTI pose files by split, whose streets are then traced), ``streets`` (a
+    GeoJSON file, or one by split, that the town is built from), ``seed``.
     """
 
     name = "town_seasons"
     plan_type = TownSeasonsPlan
 
-    def plan(self) -> WorldPlan:
-        """What is rendered; the contents of trajectory files are part of its identity."""
-        self.config = self.identified()
-        return super().plan()
-
     def identified(self) -> dict[str, Any]:
-        """The config with the contents of its trajectory files."""
-        return {**self.config, "trajectory_sha256": file_hashes(self.config["trajectories"].values())}
+        """The config with the contents of its maps and trajectories.
+
+        Raises:
+            UserError: a split has both.
+        """
+        trajectories = self.config["trajectories"]
+        for split, trajectory in trajectories.items():
+            if trajectory and (file := streets_of(self.config, split)):
+                raise ArgumentError(
+                    f"trajectories.{split}={trajectory} and streets={file} are both given for the {split} town",
+                    f"Leave one out: trajectories.{split}=null",
+                )
+        return {**super().identified(), "trajectory_sha256": file_hashes(trajectories.values())}
 
 
 class TownCity(RenderedWorld):
     """A city of 8 km2 in 172,000 pictures, ``headings`` at each position, and drives to localize.
 
     Keys: ``images``, ``headings``, ``size_m``, ``block_m``, ``width``, ``height``, ``vfov_deg``, ``samples``,
-    ``conditions`` (the first is the map's), ``query_frames`` a condition, ``query_step_m``, ``seed``.
+    ``conditions`` (the first is the map's), ``query_frames`` a condition, ``query_step_m``, ``streets`` (a GeoJSON file
+    that the city is built from), ``seed``.
     """
 
     name = "town_city"

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from sextant.config.schema.parts import CHOSEN_BY_TARGET, Node, Part, Seed
-from sextant.config.schema.splits import BlockSide, BySplit, Conditions, ImageSide, Samples
+from sextant.config.schema.splits import BlockSide, BySplit, Conditions, ImageSide, Samples, Streets
 
 
 class Panoramas(Part):
@@ -15,6 +15,7 @@ class Panoramas(Part):
 class TownPanoramas(Panoramas):
     """Panoramas of procedural towns."""
 
+    later = ("streets",)
     target: Literal["sextant.data.worlds.TownPanoramas"] = Field(alias="_target_")
     partial: bool = Field(alias="_partial_", default=False)
     images: BySplit
@@ -24,6 +25,7 @@ class TownPanoramas(Panoramas):
     conditions: Conditions
     size_m: Annotated[float, Field(ge=200, le=5000)] = Field(examples=[380.0])
     block_m: BlockSide = Field(examples=[85.0])
+    streets: Streets = None
     seed: Seed = Field(examples=[0])
 
     @model_validator(mode="after")
