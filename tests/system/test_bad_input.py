@@ -64,8 +64,8 @@ MISTAKES = {
         "trainer.batch_size=2000: dataset=town_panoramas has 1,536 images to train on",
     ),
     "corruptions of places": (
-        ["task=place_recognition", "corruption=cifar10_c"],
-        "task=place_recognition tests under the conditions of its dataset",
+        ["task=place_recognition", "corruption=cifar10_p"],
+        "corruption: task=place_recognition corrupts queries one by one, and has no use for files or sequences",
     ),
     "start from no run": (["init_from=gone"], "init_from=gone: no run, run directory or checkpoint"),
     "descriptor of no run": (

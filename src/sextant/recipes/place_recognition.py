@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import PlaceRecognitionTask
+from sextant.config.schema.classification.corruptions import BenchmarkSuite, CorruptionSuite
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset, build_training
@@ -41,7 +42,6 @@ class PlaceRecognitionRecipe(Recipe):
     monitor = ("val/recall_at_1", "max")
     sweep_example = "seed=0,1,2 loss=info_nce,triplet_ratio"
     prediction_example = "map=<folder> queries=<folder>"
-    uncorrupted = "under the conditions of its dataset"
     test_settings = ("baselines", "off_the_shelf", "sequence_length", "test_tolerance")
 
     def identity(self, config: Config) -> dict[str, Any]:
@@ -54,6 +54,7 @@ class PlaceRecognitionRecipe(Recipe):
     def source(self, config: Config) -> "PlaceSource":
         """The dataset as a source of places."""
         from sextant.data.places import ConditionSplit, ConditionSplitSource, as_place_source, rendered_place_source
+        from sextant.data.places.corrupted import CorruptedQueries
 
         self.check_parts(config)
         source = as_place_source(build_dataset(config))
@@ -63,12 +64,15 @@ class PlaceRecognitionRecipe(Recipe):
         task = _task(config)
         if task.off_the_shelf is not None:
             weights_identity(task.off_the_shelf, Path(config.paths.outputs))  # a file that is missing is told at once
+        corrupts = _corrupts(config)
         if source.name == FACTORS:  # its conditions are all of the test
+            if corrupts:
+                raise UserError("corruption: dataset=town_factors changes one factor at a time", "corruption=none")
             return source
-        if task.train_conditions is None and task.test_conditions is None:
-            return source
-        train, test = (None if c is None else tuple(c) for c in (task.train_conditions, task.test_conditions))
-        return ConditionSplitSource(source, ConditionSplit(train, test, tuple(task.shared_conditions)))
+        if task.train_conditions is not None or task.test_conditions is not None:
+            train, test = (None if c is None else tuple(c) for c in (task.train_conditions, task.test_conditions))
+            source = ConditionSplitSource(source, ConditionSplit(train, test, tuple(task.shared_conditions)))
+        return CorruptedQueries(source, build(config.plain, "corruption")) if corrupts else source
 
     def check(self, source: Source) -> None:
         """Raise a ``UserError`` if files of a split are missing; a world that is not rendered yet has none."""
@@ -231,6 +235,23 @@ def _split_beside(data: "PlaceData", split: "Split") -> "PlaceImages | None":
 def _seen_by_baselines(train: "PlaceImages | None", places: "PlaceImages") -> "PlaceImages":
     """What baselines learn from: the training images, or without any those of the map, which no query belongs to."""
     return places.only_conditions(places.conditions[:1]) if train is None else train
+
+
+def _corrupts(config: Config) -> bool:
+    """Whether the test also has corrupted queries.
+
+    Raises:
+        UserError: the choice of the group ``corruption`` is made for images of a classifier.
+    """
+    suite = config.corruption
+    if isinstance(suite, CorruptionSuite):
+        return bool(suite.corruptions)
+    if not isinstance(suite, BenchmarkSuite):
+        raise UserError(
+            "corruption: task=place_recognition corrupts queries one by one, and has no use for files or sequences",
+            "corruption=cifar10_c for small images, corruption=imagenet_c, or corruption=none",
+        )
+    return True
 
 
 def _can_train_on(source: Source) -> None:

@@ -7,7 +7,8 @@ An image with values x in [0, 1] and the mean μ becomes
 moved by a shift s of whole pixels, evenly from the disc of radius ``shift`` times the image's height (its border is
 repeated), with contrast :math:`\log c` and brightness :math:`\log b` evenly in :math:`\pm` ``contrast`` and
 :math:`\pm` ``brightness``. A street in the mirror is another place: ``mirror`` shows the places of every other epoch as
-their mirror images, which doubles them.
+their mirror images, which doubles them. ``augmix`` then mixes the image with chains of simple operations, none of which
+is a corruption that models are tested under; see :class:`.AugMix`.
 
 What an image gets is a function of (seed, number of the image) alone, whatever the batch it is in.
 """
@@ -20,6 +21,7 @@ from jaxtyping import Float64, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor
 
+from sextant.data.augmentation.augmix import AugMix
 from sextant.data.counters import uniforms
 
 
@@ -32,12 +34,14 @@ class PlaceAugmentation:
         contrast: largest logarithm of the factor on what differs from the mean.
         shift: largest shift as a share of the height.
         mirror: mirror every image of epochs 1, 3, 5, ...; done where the epoch is known, by ``PlaceBatchImages``.
+        augmix: severity of AugMix, 1 to 10; None goes without.
     """
 
     brightness: float = 0.3
     contrast: float = 0.3
     shift: float = 0.05
     mirror: bool = False
+    augmix: int | None = None
 
     def __post_init__(self) -> None:
         if min(self.brightness, self.contrast, self.shift) < 0 or self.shift >= 0.5:
@@ -60,7 +64,11 @@ class PlaceAugmentation:
         contrast = _factors(self.contrast * (2 * u[0] - 1))
         brightness = _factors(self.brightness * (2 * u[1] - 1))
         mean = x.mean((1, 2, 3), keepdim=True)
-        return x.mul_(contrast).add_((brightness - contrast) * mean).round_().clamp_(0, 255).to(torch.uint8)
+        changed = x.mul_(contrast).add_((brightness - contrast) * mean).round_().clamp_(0, 255).to(torch.uint8)
+        if self.augmix is None:
+            return changed
+        mixed = AugMix(self.augmix, pad=0, flip=False)
+        return mixed(changed, torch.from_numpy(numbers % 2**32), int(numbers[0] // 2**32), seed)
 
 
 def shifted(

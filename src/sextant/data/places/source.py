@@ -74,5 +74,6 @@ def rendered_place_source(source: PlaceSource) -> "RenderedSource | None":
     """The part of a source that is rendered, if it has one."""
     from sextant.data.rendered import RenderedSource
 
-    source = getattr(source, "source", source)
+    while hasattr(source, "source"):
+        source = source.source
     return source if isinstance(source, RenderedSource) else None

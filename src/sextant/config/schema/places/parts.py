@@ -184,10 +184,12 @@ class Whitening(Node):
 class PlaceAugmentation(Node):
     """How much training images are changed."""
 
+    later = ("augmix",)
     brightness: NonNegative = Field(examples=[0.3])
     contrast: NonNegative = Field(examples=[0.3])
     shift: float = Field(ge=0, lt=0.5, examples=[0.05])
     mirror: bool = False
+    augmix: int | None = Field(default=None, ge=1, le=10, examples=[3])
 
 
 class OffTheShelf(Node):

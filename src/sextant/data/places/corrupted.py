@@ -1,0 +1,101 @@
+"""Queries in bad pictures: the drives of a test once more, corrupted."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Int64, UInt8
+from numpy import ndarray
+
+from sextant.corruptions import CorruptionSuite
+from sextant.data.places.image_rows import ImageRows
+from sextant.data.places.images import PlaceImages
+from sextant.data.places.source import PlaceSource
+from sextant.data.places.split import Split
+
+#: images corrupted at a time
+BATCH = 256
+
+
+class CorruptedQueries:
+    """A source whose test shows every drive but the map's twice: as it is, and corrupted, as ``<condition>_corrupted``.
+
+    Image k of a corrupted drive, in the order of its frames, is under condition k modulo n of the suite's n (a
+    corruption at a severity). Its recall is so the mean over the suite, at the cost of one more drive, and differs from
+    that of the clean drive by nothing else. Training, validation and the map stay clean.
+
+    The images of the test split are held in memory.
+
+    Args:
+        source: of the clean images.
+        suite: the corruptions, of which every run sees the same.
+    """
+
+    def __init__(self, source: PlaceSource, suite: CorruptionSuite):
+        self.source, self.suite = source, suite
+        self.name, self.place_unit = source.name, source.place_unit
+
+    def conditions(self, split: Split) -> tuple[str, ...]:
+        """Those of the source, and in the test the corrupted ones.
+
+        Raises:
+            UserError: what the source raises.
+        """
+        clean = self.source.conditions(split)
+        return clean if split != "test" else (*clean, *(f"{name}_corrupted" for name in clean[1:]))
+
+    def files(self, split: Split) -> list[Path]:
+        """Those of the source.
+
+        Raises:
+            UserError: what the source raises.
+        """
+        return self.source.files(split)
+
+    def fingerprint(self) -> str:
+        """That of the source: the suite is part of the run's config."""
+        return self.source.fingerprint()
+
+    def read(self, split: Split) -> PlaceImages:
+        """The images of a split, corrupted ones of the test behind the clean.
+
+        Raises:
+            UserError: what the source raises.
+        """
+        clean = self.source.read(split)
+        if split != "test":
+            return clean
+        drives = [clean.rows_of(name) for name in clean.conditions[1:]]
+        rows = np.concatenate([np.arange(len(clean)), *drives])
+        both = clean.select(rows)
+        images, under, traverse = both.images[:], self.suite.conditions()[1:], both.traverse.copy()
+        start = len(clean)
+        for number, drive in enumerate(drives, start=len(clean.conditions)):
+            mine = slice(start, start + len(drive))
+            traverse[mine] = number
+            images[mine] = self._corrupted(images[mine], drive)
+            start = mine.stop
+        keys = [under[k % len(under)].key for drive in drives for k in range(len(drive))]
+        names = (*clean.names, *(f"{name} {key}" for name, key in zip(both.names[len(clean) :], keys, strict=True)))
+        return PlaceImages(
+            ImageRows(images),
+            traverse,
+            self.conditions("test"),
+            both.frame,
+            names,
+            both.position_m,
+            both.heading_deg,
+            both.aligned,
+            both.skipped,
+        )
+
+    def _corrupted(self, images: UInt8[ndarray, "n h w c"], numbers: Int64[ndarray, "n"]) -> UInt8[ndarray, "n h w c"]:
+        """A drive, each image under the next condition; ``numbers`` are of its images in the split, and seed them."""
+        found, under = images.copy(), self.suite.conditions()[1:]
+        for first, condition in enumerate(under):
+            for some in np.split(mine := np.arange(first, len(images), len(under)), range(BATCH, len(mine), BATCH)):
+                if len(some):
+                    clean = torch.from_numpy(images[some]).permute(0, 3, 1, 2).float() / 255
+                    now = self.suite.corrupt(clean, torch.from_numpy(numbers[some]), condition).clamp(0, 1)
+                    found[some] = (now * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
+        return found
