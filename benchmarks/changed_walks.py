@@ -1,8 +1,10 @@
 """A default localizer on real walks in a changed world: ``python -m benchmarks.changed_walks seeds=8``.
 
 Maps are one image a metre along a line; odometry errs by a tenth. Judged from the sixtieth step on, each seed once.
+IE Tower's walk leads through the clips of 25 floors, one after the other; every fifth frame is not in the map.
 """
 
+import csv
 import os
 import sys
 from collections.abc import Iterator
@@ -21,7 +23,11 @@ from sextant.cli.arguments import parse_arguments
 from sextant.evaluation import share_interval
 from sextant.localization.likelihood import Likelihood
 
-KEYS = {"seeds": "how many; 8 unless given", "walks": "those whose names begin so; all unless given"}
+KEYS = {
+    "seeds": "how many; 8 unless given",
+    "walks": "those whose names begin so; all unless given",
+    "rows": "shrink all images to so many, and compare descriptors alone",
+}
 CHI2_95 = 5.991  # of two dimensions
 JUDGED_FROM = 60
 #: map, query and their stretch of images
@@ -32,13 +38,35 @@ WALKS = {
     "Nordland, winter, 600 to 899": ("nordland/summer", "nordland/winter", 600, 900),
     "Nordland, winter, 1500 to 1799": ("nordland/summer", "nordland/winter", 1500, 1800),
     "Nordland, winter, 2000 to 2299": ("nordland/summer", "nordland/winter", 2000, 2300),
+    "IE Tower, the first 1,000 frames": ("ie_tower", "ie_tower", 0, 1000),
 }
 COLUMNS = ("within 2 images, %", "aside, m", "in 95 % regions, %", "lost, %", "off the map, %")
 
 
-def photos(folder: Path, first: int, last: int) -> ndarray:
-    """Images in the order of their names."""
-    return np.stack([np.asarray(Image.open(path).convert("RGB")) for path in sorted(folder.iterdir())[first:last]])
+def photos(folder: Path, split: str, first: int, last: int, rows: int | None) -> tuple[ndarray, ndarray]:
+    """Images in the order of their names or of ``labels.csv``, of which ``split`` is taken, and their places, m.
+
+    They are shrunk to so many ``rows``.
+    """
+    paths = sorted(folder.iterdir())
+    at = np.arange(len(paths))
+    if (labels := folder / "labels.csv").is_file():
+        labelled = list(csv.DictReader(labels.open()))
+        at = np.flatnonzero([row["split"] == split for row in labelled])
+        paths = [folder / labelled[number]["file"] for number in at]
+    kept = (at >= first) & (at < last)
+    opened = (Image.open(path).convert("RGB") for path, keep in zip(paths, kept, strict=True) if keep)
+    if rows is not None:
+        opened = (
+            image.resize((round(image.width * rows / image.height), rows), Image.Resampling.BOX) for image in opened
+        )
+    return np.stack([np.asarray(image) for image in opened]), at[kept] - first
+
+
+def descriptors(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]:
+    """With the network of the package, and with pixels."""
+    yield "zoo:places", Localizer.from_images(images, poses, "zoo:places")
+    yield "whitened PCA", Localizer.from_images(images, poses, WhitenedPCA(32, 48, min(128, len(images) // 2)))
 
 
 def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]:
@@ -60,34 +88,36 @@ def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]
         )  # fmt: skip
 
 
-def drive(localizer: Localizer, seen: ndarray, seed: int) -> ndarray:
+def drive(localizer: Localizer, seen: ndarray, at: ndarray, seed: int) -> ndarray:
     """The columns, for one seed."""
     localizer.reset(seed)
     rng, rows = np.random.default_rng(seed), []
-    for step, at in enumerate(range(20, len(seen))):
-        motion = (1 + 0.1 * rng.standard_normal(), 0.02 * rng.standard_normal(), 0.005 * rng.standard_normal())
-        told = localizer.step(motion, seen[at])
-        away = told.pose[:2] - (at, 0)
+    for step, number in enumerate(range(20, len(seen))):
+        ahead, aside, turn = rng.standard_normal(3) * (0.1, 0.02, 0.005)
+        moved = at[number] - at[number - 1]
+        told = localizer.step((moved * (1 + ahead), moved * aside, moved * turn), seen[number])
+        away = told.pose[:2] - (at[number], 0)
         inside = away @ np.linalg.solve(told.covariance[:2, :2] + 1e-12 * np.eye(2), away) < CHI2_95
-        aside = float(localizer.belief.weights[0] @ localizer.belief.poses[0, :, 1].abs())
+        off_line = float(localizer.belief.weights[0] @ localizer.belief.poses[0, :, 1].abs())
         if step >= JUDGED_FROM:
-            rows.append((100 * (np.hypot(*away) <= 2), aside, 100 * inside, 100 * told.lost, 100 * told.off_map))
+            rows.append((100 * (np.hypot(*away) <= 2), off_line, 100 * inside, 100 * told.lost, 100 * told.off_map))
     return np.mean(rows, axis=0)
 
 
 def main() -> None:
     """Measure all walks."""
     chosen = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.changed_walks seeds=8")
-    seeds = int(chosen.get("seeds", 8))
+    seeds, rows = int(chosen.get("seeds", 8)), int(chosen["rows"]) if "rows" in chosen else None
     data, table = Path(os.environ["SEXTANT_DATA"]), Table("walk", "localizer", *COLUMNS)
     for walk, (map_folder, query_folder, first, last) in WALKS.items():
         if not walk.startswith(chosen.get("walks", "")):
             continue
-        images, seen = photos(data / map_folder, first, last), photos(data / query_folder, first, last)
+        images, places = photos(data / map_folder, "gallery", first, last, rows)
+        seen, at = photos(data / query_folder, "query", first, last, rows)
         poses = np.zeros((len(images), 3))
-        poses[:, 0] = np.arange(len(images))
-        for name, localizer in variants(images, poses):
-            found = np.stack([drive(localizer, seen, seed) for seed in range(seeds)])
+        poses[:, 0] = places
+        for name, localizer in (variants if rows is None else descriptors)(images, poses):
+            found = np.stack([drive(localizer, seen, at, seed) for seed in range(seeds)])
             low, high = share_interval(found[:, 0] / 100, trials=seeds)
             mean = found.mean(0)
             first_column = f"{mean[0]:.0f} [{100 * low:.0f}, {100 * high:.0f}]"

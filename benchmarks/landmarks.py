@@ -41,11 +41,11 @@ MEASURES = ("nearest image, R@1", "500 particles", "100 particles")
 LASER = {"beams": 8, "field_of_view_rad": math.pi, "max_range_m": 15.0, "range_sigma_m": 0.02, "dropout": 0.01}
 
 
-def office(seed: int, folder: Path):
-    """A small office, rendered: the map, and drives by day and by night."""
+def office(seed: int, folder: Path, beams: int = 8):
+    """A small office, rendered: the map, and drives by day and by night, with a laser of so many beams."""
     dataset = OfficeWalk(
         roots=(folder,), size_m=(20.0, 14.0), metres=(60.0, 2.0, 24.0), trajectories=(), every=6, width=96, height=64,
-        vfov_deg=60.0, samples=1, conditions=["summer_noon", "night_clear"], laser=LASER, seed=seed,
+        vfov_deg=60.0, samples=1, conditions=["summer_noon", "night_clear"], laser={**LASER, "beams": beams}, seed=seed,
     )  # fmt: skip
     return as_localization_source(dataset).read()
 

@@ -356,8 +356,8 @@ class Localizer:
             images: bytes; or files, arrays or pictures, stretched to the size of the first.
             poses: x, y in metres and heading in rad, counter-clockwise.
             descriptor: one of :mod:`sextant.baselines` or its name, a run of place recognition, or anything with
-                ``describe``. Unless given, ``zoo:places`` of colour images of at least 96 pixels a side, which takes
-                some 20 ms each; whitened principal components of 32x48 pixels of others.
+                ``describe``. Unless given, ``zoo:places`` of colour images of at least 48 pixels a side;
+                whitened principal components of 32x48 pixels of others.
             kernel: fitted unless given, by the joint likelihood of at most 600 of the images.
             observation: to be fitted; the cached local Gaussian process unless given.
             likelihood: with a tempering of 0.125 unless given; then how the world has changed is learned on the way.

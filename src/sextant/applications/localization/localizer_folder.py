@@ -37,7 +37,7 @@ DESCRIPTOR = "descriptor"
 #: images described at a time, by a baseline and by a network
 BATCH, NETWORK_BATCH = 512, 64
 #: what describes images where nothing is named, and the shorter side in pixels from which they show it enough
-USUAL, ENOUGH = "zoo:places", 96
+USUAL, ENOUGH = "zoo:places", 48
 
 
 class Saveable(Protocol):

@@ -1,0 +1,151 @@
+r"""Where a robot is among the images of a map: Bayes' filter over them, as a hidden Markov model's forward pass.
+
+The state is an image i of the map. With the motion u since the step before, an image leads to those near
+:math:`x_i \circ u`, and with the chance :math:`\epsilon` the robot was carried to any of them:
+
+.. math:: \bar b_t(j) = \frac\epsilon n + (1 - \epsilon) \sum_i b_{t-1}(i)\, p(j \mid i, u), \qquad
+   p(j \mid i, u) \propto e^{-\frac12 d^2(x_i \circ u,\; x_j)}, \qquad
+   d^2(x, y) = \frac{\|x_{xy} - y_{xy}\|^2}{\sigma^2} + \frac{2(1 - \cos(x_\theta - y_\theta))}{\rho^2}.
+
+An image at the distance :math:`d_j` (of descriptors) from image j of the map weighs them by
+
+.. math:: b_t(j) \propto \bar b_t(j)\, e^{-\lambda d_j}, \qquad \lambda = \frac{\log\delta}{q_{97.5} - q_{2.5}},
+
+with the quantiles of the distances of a drive's first image to all of the map: what is among the most alike images is
+:math:`\delta` times as likely as what is among the least alike. With :math:`\sigma`, half of the map's
+spacing, motions of a third of a spacing still add up, to 6 % less; :math:`\rho` is half of the turn between images at
+one place. A step costs O(n²).
+
+Sources: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic Visual Place Recognition for Hierarchical Localization", RA-L
+2021, for the likelihood and :math:`\delta = 5`; odometry in the transition as in M. Xu, T. Fischer, N. Sünderhauf,
+M. Milford, "Probabilistic Appearance-Invariant Topometric Localization with New Place Awareness", RA-L 2021.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from sextant.errors import ArgumentError
+from sextant.geometry.planar import se2_compose
+from sextant.localization.map_support import heading_reach, map_spacing
+from sextant.localization.recovery.recovery import check_share
+
+#: below, distances of images differ by rounding
+LEAST_RANGE = 1e-12
+#: standard deviations; further away all images are alike, whatever the motion
+FURTHEST = 1e150
+
+
+@dataclass(frozen=True)
+class TopologicalFilter:
+    r"""Steps of the filter; the belief is passed to each.
+
+    Attributes:
+        poses: of the map's images: x, y in any unit and heading in rad.
+        position_sigma: :math:`\sigma`, in the unit of positions.
+        heading_sigma: :math:`\rho` in rad.
+        jump: :math:`\epsilon` in (0, 1).
+
+    Raises:
+        ArgumentError: there is no pose, one is not finite, or a number is outside its range.
+
+    >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(6)], dtype=torch.float64)
+    >>> filter = TopologicalFilter.of(line)
+    >>> away = (torch.arange(6) - 2).abs().double()  # the first image looks like that at 2 m
+    >>> rate = likelihood_rate(away)
+    >>> belief = filter.step(filter.uniform(), (0.0, 0.0, 0.0), away, rate)
+    >>> belief = filter.step(belief, (1.0, 0.0, 0.0), away.roll(1), rate)
+    >>> int(belief.argmax())
+    3
+    """
+
+    poses: Float64[Tensor, "n 3"]
+    position_sigma: float
+    heading_sigma: float
+    jump: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if len(self.poses) == 0 or not bool(self.poses.isfinite().all()):
+            raise ArgumentError("poses must be those of one image or more, and finite", "Name images with known poses.")
+        for name in ("position_sigma", "heading_sigma"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ArgumentError(f"{name}={getattr(self, name)} must be above 0 and finite", f"For example {name}=1")
+        check_share("jump", self.jump)
+
+    @classmethod
+    def of(cls, poses: Float64[Tensor, "n 3"], jump: float = 1e-3) -> Self:
+        """With the scales of the map's own spacing."""
+        return cls(poses, map_spacing(poses) / 2, heading_reach(poses), jump)
+
+    def uniform(self) -> Float64[Tensor, " n"]:
+        """The belief before the first step."""
+        return torch.full((len(self.poses),), 1 / len(self.poses), dtype=torch.float64)
+
+    def moved(self, belief: Float64[Tensor, " n"], motion: Sequence[float]) -> Float64[Tensor, " n"]:
+        r"""The belief :math:`\bar b_t` after a motion, before anything is seen.
+
+        Args:
+            belief: before, of sum one.
+            motion: dx, dy in the unit of the map and dtheta in rad since then, in the robot's frame then.
+
+        Raises:
+            ArgumentError: the motion is not three finite numbers.
+        """
+        moved = torch.tensor([float(value) for value in motion], dtype=torch.float64)
+        if moved.shape != (3,) or not bool(moved.isfinite().all()):
+            raise ArgumentError(f"motion={motion} must be three finite numbers", "dx, dy, dtheta: motion=(1, 0, 0)")
+        ahead, images = self._features(se2_compose(self.poses, moved)), self._features(self.poses)
+        apart = torch.cdist(ahead, images, compute_mode="donot_use_mm_for_euclid_dist")
+        apart = apart.nan_to_num(FURTHEST).clamp(max=FURTHEST)
+        return self.jump / len(belief) + (1 - self.jump) * (belief @ torch.softmax(-0.5 * apart.square(), dim=1))
+
+    def step(
+        self, belief: Float64[Tensor, " n"], motion: Sequence[float], distances: Float[Tensor, " n"], rate: float
+    ) -> Float64[Tensor, " n"]:
+        r"""Move and look: the belief :math:`b_t`.
+
+        Args:
+            belief, motion: as for :meth:`moved`.
+            distances: of the image's descriptor from those of the map, in its order.
+            rate: :math:`\lambda`, from :func:`likelihood_rate` of the first image.
+
+        Raises:
+            ArgumentError: the motion is not three finite numbers, or there is not one distance for each image.
+        """
+        _check(distances, len(self.poses))
+        return torch.softmax(self.moved(belief, motion).log() - rate * (distances.double() - distances.min()), dim=0)
+
+    def _features(self, poses: Tensor) -> Tensor:
+        turned = torch.stack([poses[:, 2].cos(), poses[:, 2].sin()], dim=1) / self.heading_sigma
+        return torch.cat([poses[:, :2] / self.position_sigma, turned], dim=1)
+
+
+def likelihood_rate(distances: Float[Tensor, " n"], odds: float = 5.0) -> float:
+    r""":math:`\lambda` by the distances of an image from all of a map; 0 if they are all alike.
+
+    Args:
+        distances: of descriptors.
+        odds: :math:`\delta`, above 1.
+
+    Raises:
+        ArgumentError: a distance is negative or not finite, or the odds are not above 1.
+    """
+    _check(distances, len(distances))
+    if not 1 < odds < math.inf:
+        raise ArgumentError(f"odds={odds} must be above 1 and finite", "odds=5")
+    low, high = torch.quantile(distances.double(), distances.new_tensor([0.025, 0.975]).double()).tolist()
+    return math.log(odds) / (high - low) if high - low > LEAST_RANGE else 0.0
+
+
+def _check(distances: Tensor, images: int) -> None:
+    allowed = distances.isfinite() & (distances >= 0)
+    if distances.shape != (images,) or images == 0 or not bool(allowed.all()):
+        raise ArgumentError(
+            f"distances of shape {tuple(distances.shape)} must be at least 0 and finite, and those of {images} images",
+            "For example (2 - 2 * map_descriptors @ descriptor).clamp(min=0).sqrt()",
+        )

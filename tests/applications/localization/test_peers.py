@@ -1,0 +1,57 @@
+"""The benchmark of peers, on a made-up walk."""
+
+import numpy as np
+import pytest
+
+from benchmarks.localization_peers import FRAMES, JUDGED_FROM, LIMITS, along, measured, methods, summary
+from sextant import Localizer
+
+IMAGES = 130
+
+
+@pytest.fixture(scope="module")
+def world():
+    """A corridor of smooth noise, one picture a metre, and the same walk in other light."""
+    rng = np.random.default_rng(0)
+    wall = np.cumsum(rng.standard_normal((8, 400 + 4 * IMAGES)), axis=1)
+    strips = np.stack([wall[:, 4 * k : 4 * k + 48] for k in range(IMAGES)])
+    strips = (strips - strips.min((1, 2), keepdims=True)) / np.ptp(strips, axis=(1, 2), keepdims=True)
+    images = np.repeat((255 * strips).astype(np.uint8).repeat(4, axis=1)[..., None], 3, axis=3)
+    poses = np.zeros((IMAGES, 3))
+    poses[:, 0] = np.arange(IMAGES)
+    localizer = Localizer.from_images(images, poses, steps=5)
+    seen = np.stack([localizer.describe((20 + 0.7 * image).astype(np.uint8)) for image in images])
+    return localizer, localizer.model.map.descriptors.numpy(), seen
+
+
+def test_a_walk_has_its_pace_and_odometry(world):
+    _, known, seen = world
+    even, uneven = (along(known, seen, 3, uneven=each) for each in (False, True))
+    assert np.diff(even.truth[:, 0]).tolist() == [1.0] * (FRAMES - 1)
+    assert set(np.diff(uneven.truth[:, 0])) <= {0.0, 1.0, 2.0}
+    for walk in (even, uneven):
+        steps = np.diff(walk.truth[:, 0])
+        assert np.abs(walk.motion[1:, 0] - steps).max() < 0.6 * max(steps)
+        np.testing.assert_array_equal(walk.seen, seen[walk.truth[:, 0].astype(int)])
+
+
+def test_all_methods_are_measured_on_the_same_walk(world):
+    localizer, known, seen = world
+    rows = []
+    for seed in (0, 1):
+        walk = along(known, seen, seed, uneven=False)
+        parts = (each[: JUDGED_FROM + 20] for each in (walk.seen, walk.motion, walk.truth))
+        short = type(walk)(walk.poses, walk.known, *parts)
+        rows += [
+            {"walk": "made up", "pace": "even", "seed": seed, **row}
+            for row in measured(short, methods(localizer), seed, LIMITS["line"])
+        ]
+    shares = {}
+    for row in rows:
+        shares.setdefault(row["method"], []).append(row["within"])
+    assert list(shares) == list(methods(localizer))
+    assert min(shares["nearest image"] + shares["topological"] + shares["particles, 2,000"]) > 0.9
+    lines = summary(rows)
+    assert [line[2] for line in lines] == list(shares)
+    assert lines[-1][4] == ""  # ours is not compared with itself
+    assert all(line[4] for line in lines[:-1])
