@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from sextant.cli.arguments import UserPath
-from sextant.cli.localizing.options import DriveOptions
+from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.photo_calibration.options import FocalOptions
 
 USAGE = (
@@ -16,7 +16,7 @@ USAGE = (
 )
 
 
-class WalkOptions(DriveOptions, FocalOptions):
+class WalkOptions(LocalizingOptions, FocalOptions):
     """What the user chose."""
 
     input: str
@@ -28,11 +28,11 @@ class WalkOptions(DriveOptions, FocalOptions):
     run: str = "zoo:calibration"
     """what calibrates; the network of the package unless given"""
     descriptor: str | None = Field(None, examples=["Hog"])
-    """of images: a run of place recognition, Hog, Pixels, PatchNormalised; whitened_pca unless given"""
+    """of images: a run of place recognition, Hog, Pixels, PatchNormalised, WhitenedPCA; zoo:places unless given"""
     held: Literal["mounted", "by_hand", "level"] = Field("mounted", examples=["by_hand"])
     """mounted: tilt and roll are the same in all images (default); by_hand: each has its own; level: none"""
     photos: int = Field(40, ge=1, examples=[40])
-    """of each camera that are calibrated together, evenly taken; 40 unless given"""
+    """images of each camera to calibrate it by, evenly spaced; 40 unless given"""
     rows: int | None = Field(None, ge=8, examples=[120])
     """of the straightened images; 120 unless given"""
     vfov_deg: float | None = Field(None, examples=[55])

@@ -210,10 +210,13 @@ def describer(config: Config) -> "Describer | DescriptorFiles":
     Raises:
         UserError: it cannot be built.
     """
-    found = build(config.plain, "descriptor")
+    node = dict(config.plain["descriptor"])
+    if node.get("network"):
+        node["network"] = str(resolve_run(node["network"], Path(config.paths.outputs), "descriptor.network").checkpoint)
+    found = build({"descriptor": node}, "descriptor")
     if isinstance(found, DescriptorFiles):
         return found
     if isinstance(found, TrainedDescriptor):
         return found.describer(Path(config.paths.outputs))
-    node = descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))
-    return BaselineDescriber(found, str(sorted(node.items())))
+    identity = descriptor_identity(config.plain["descriptor"], Path(config.paths.outputs))
+    return BaselineDescriber(found, str(sorted(identity.items())))

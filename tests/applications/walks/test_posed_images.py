@@ -69,6 +69,13 @@ def test_gps_in_the_images_will_do(images):
     np.testing.assert_allclose(posed_images(images).poses[:, 0], 3.0 * np.arange(COUNT), atol=0.01)
 
 
+def test_positions_without_headings_are_no_poses(images):
+    rows = [f"{name},{x},{y}" for name, (x, y, _) in zip(NAMES, POSES, strict=True)]
+    (images / "images" / "poses.csv").write_text("\n".join(["file,x,y", *rows]))
+    with pytest.raises(UserError, match=r"poses.csv: has positions, but no headings"):
+        posed_images(images)
+
+
 def test_without_poses_it_says_what_was_looked_for(images):
     with pytest.raises(UserError, match=r"no file there has poses of its images, nor has their EXIF"):
         posed_images(images)

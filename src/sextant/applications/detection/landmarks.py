@@ -1,5 +1,6 @@
 """Landmarks that somebody pointed at, as the descriptor of an image: how strongly and where each is seen in it."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
@@ -18,6 +19,8 @@ from sextant.runs.outputs_folder import default_outputs
 
 #: images that filters look at together
 BATCH = 32
+#: pixels that a filter reaches at least
+LEAST_REACH = 8.0
 
 
 class Landmarks:
@@ -69,11 +72,13 @@ class Landmarks:
         self.add(photo, points)
 
     def add(self, photo: AnyImage, points: Sequence[tuple[float, float]]) -> Self:
-        """More landmarks, on another photo; before the map is described.
+        """More landmarks, on another photo; before :meth:`fit`.
 
         Raises:
-            UserError: there is no point, or points are not pairs of finite numbers.
+            UserError: there is no point, points are not pairs of finite numbers, or the filters are configured.
         """
+        if self._detector is not None:
+            raise ArgumentError("add: the filters are configured already", "Add all landmarks before fit.", of=self)
         try:
             pairs = np.array(points, np.float64)
         except (ValueError, TypeError):
@@ -89,7 +94,8 @@ class Landmarks:
         """Configure the filters for images of this size, and learn how much landmarks count beside the other.
 
         Raises:
-            UserError: a photo cannot be read, or has nothing at a point that a filter could be made of.
+            UserError: a photo cannot be read, or has nothing at a point that a filter could be made of; or the images
+                are too low for filters of this reach.
             ValueError: there are too few images for the ordinary descriptor.
         """
         self._detector = self._configured(images.shape[1:])
@@ -127,7 +133,13 @@ class Landmarks:
         features = (
             None if self.network is None else trained_features(self.network, default_outputs(), None, trust=False)
         )
-        detector = ExampleDetector(features, longest=max(height, width), reach=max(8.0, self.reach * height))
+        if features is None and self.reach * height < LEAST_REACH:
+            raise ArgumentError(
+                f"reach={self.reach:g}: of images of {height} rows that is {self.reach * height:.1f} pixels, and a "
+                f"filter needs {LEAST_REACH}",
+                f"reach={math.ceil(100 * LEAST_REACH / height) / 100:g}, or larger images", of=self,
+            )  # fmt: skip
+        detector = ExampleDetector(features, longest=max(height, width), reach=max(LEAST_REACH, self.reach * height))
         for photo, points in self.examples:
             image = as_pixels(photo)
             across, down = width / image.shape[1], height / image.shape[0]

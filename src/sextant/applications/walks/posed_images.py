@@ -33,8 +33,8 @@ class PosedImages:
 def posed_images(folder: Path | str) -> PosedImages:
     """Images below a folder with poses of TUM, KITTI, COLMAP, OpenSfM, nerfstudio, a table, or GPS in EXIF.
 
-    The file of poses is the one below the folder that has poses of most images. Poses in space are brought to the plane
-    that the camera moved in, as ``sextant inspect`` finds it.
+    The file of poses is that of the folder that has poses of more images than any other. Poses in space are brought to
+    the plane that the camera moved in, as ``sextant inspect`` finds it.
 
     Args:
         folder: with images and one such file.
@@ -52,7 +52,8 @@ def posed_images(folder: Path | str) -> PosedImages:
         raise ArgumentError(f"map={folder}: there is no such folder", "Give a folder of images with poses.")
     files = found_files(folder)
     tables = [each for file in files.tables if (each := found_poses(folder, file, files.images)) is not None]
-    usable = [each for each in tables if each.posed and not each.problem and each.headings and each.format != "cold"]
+    problems = {each.file: _problem(each) for each in tables}
+    usable = [each for each in tables if each.posed and not problems[each.file]]
     best = max(usable, key=lambda each: each.posed, default=None)
     try:
         source = PoseFolder(str(folder), ".", poses="gps") if best is None else _source(folder, best)
@@ -60,13 +61,19 @@ def posed_images(folder: Path | str) -> PosedImages:
     except UserError as error:
         if best is not None:
             raise
-        problems = "".join(f"\n  {each.file}: {each.problem}" for each in tables if each.problem)
+        told = "".join(f"\n  {file}: {problem}" for file, problem in problems.items() if problem)
         raise ArgumentError(
-            f"map={folder}: no file there has poses of its images, nor has their EXIF{problems}",
+            f"map={folder}: no file there has poses of its images, nor has their EXIF{told}",
             f"sextant inspect {folder} says what was found; poses.csv with file,x,y,heading is the simplest.",
         ) from error
     remarks = best.remarks if best is not None else ()
     return PosedImages(paths, poses, folder if best is None else folder / best.file, (*remarks, *notes))
+
+
+def _problem(found: FoundPoses) -> str:
+    if found.format == "cold":
+        return "is of the COLD database, which pose_folder reads"
+    return found.problem or ("" if found.headings else "has positions, but no headings")
 
 
 def _source(folder: Path, best: FoundPoses) -> PoseFolder:

@@ -49,6 +49,8 @@ def localize_walk(
     focal_prior: FocalPrior = None,
     odometry: Path | None = None,
     every: int = 1,
+    image_topic: str | None = None,
+    odometry_topic: str | None = None,
     particles: int | None = None,
     start: Start = "uniform",
     seed: int = 0,
@@ -77,6 +79,7 @@ def localize_walk(
         focal_prior: of the walk's camera, as for :meth:`~sextant.PhotoCalibrator.one_camera`.
         odometry: as for ``sextant predict``; without it, motion is unknown.
         every: of a video or bag, one of so many images.
+        image_topic, odometry_topic: of a bag that has several.
         particles, start, seed: of the filter; as many particles as the map was made for unless given.
         smooth: write ``smoothed.tum`` too.
         replay: animation of the particles.
@@ -101,7 +104,9 @@ def localize_walk(
         check_descriptor(descriptor)
     else:
         _check_saved(map, descriptor=descriptor, rows=rows)
-    drive = open_drive(str(input), odometry, output, every=every)
+    drive = open_drive(
+        str(input), odometry, output, image_topic=image_topic, odometry_topic=odometry_topic, every=every
+    )
     lag = len(drive.frames) if smooth else 0
     if mapped is None:
         localizer = Localizer.load(str(map), particles=particles, start=start, seed=seed, lag=lag)

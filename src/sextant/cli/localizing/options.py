@@ -11,7 +11,7 @@ from sextant.errors import UserError
 OUTPUT = "localization"
 
 
-class DriveOptions(Options):
+class LocalizingOptions(Options):
     """What the user may choose of any drive that is localized."""
 
     odometry: UserPath | None = None
@@ -24,6 +24,10 @@ class DriveOptions(Options):
     """of all random numbers; 0 unless given"""
     every: int = Field(1, ge=1, examples=[10])
     """of a video or a ROS bag, every so many images; 1 unless given"""
+    image_topic: str | None = Field(None, examples=["/camera/image_raw"])
+    """of a ROS bag: its images; the only topic of images unless given"""
+    odometry_topic: str | None = Field(None, examples=["/odom"])
+    """of a ROS bag: its odometry; the only topic of odometry unless given"""
     replay: Literal["mp4", "gif", "none"] = Field("mp4", examples=["gif"])
     """animation of the particles: mp4 (default), gif or none"""
     smooth: bool = Field(False, examples=["true"])
@@ -35,12 +39,3 @@ class DriveOptions(Options):
         if path is not None and not path.is_file():
             raise UserError(f"odometry={path}: there is no such file", "Leave it out if there is none.")
         return path
-
-
-class LocalizingOptions(DriveOptions):
-    """What the user chose."""
-
-    image_topic: str | None = Field(None, examples=["/camera/image_raw"])
-    """of a ROS bag: its images; the only topic of images unless given"""
-    odometry_topic: str | None = Field(None, examples=["/odom"])
-    """of a ROS bag: its odometry; the only topic of odometry unless given"""
