@@ -1,18 +1,18 @@
-"""How alike photos of one place are, and of two: ``python -m benchmarks.same_place data=<folder>``.
+"""How similar photos of one place are, and of two: ``python -m benchmarks.same_place data=<folder>``.
 
-What ``sextant demo`` compares photos by, on pairs whose places are known: Gardens Point by day and by night, ESSEX3IN1,
-Nordland in summer and winter, some 200 places of each. Places more than ten photos apart are different ones. Written
-into ``src/sextant/applications/demonstration/alike.json``, beside what other descriptors reached.
+By the network that ``sextant demo`` compares photos by, on pairs whose places are known: Gardens Point by day and by
+night, ESSEX3IN1, Nordland in summer and winter, some 200 places of each. Places more than ten photos apart are
+different ones. Written into ``src/sextant/applications/demonstration/known_pairs.json``.
 """
 
+import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from sextant.applications.demonstration.same_place import ALIKE, SHARES, SamePlace
+from sextant.applications.demonstration.same_place import KNOWN_PAIRS, SHARES, SamePlace
 from sextant.applications.pixels import as_pixels
-from sextant.atomic_files import read_json, write_json
 from sextant.cli.arguments import parse_arguments
 from sextant.data.photo_files import find_photos
 
@@ -37,16 +37,16 @@ def main() -> None:
         first, second = (
             np.stack([as_pixels(path, comparing.size) for path in side]) for side in zip(*pairs, strict=True)
         )
-        alike = comparing.alike(first, second)
+        similarities = comparing.similarities(first, second)
         apart = np.abs(np.subtract.outer(*[np.arange(len(pairs))] * 2))
-        same.append(alike[apart == 0])
-        other.append(alike[apart > APART])
-        print(f"{name}: {(same[-1][:, None] > other[-1]).mean():.2f} of one place more alike than of two")
+        same.append(similarities[apart == 0])
+        other.append(similarities[apart > APART])
+        print(f"{name}: {(same[-1][:, None] > other[-1]).mean():.2f} of one place more similar than of two")
     quantiles = {
         name: np.quantile(np.concatenate(each), SHARES).round(3).tolist()
         for name, each in (("same", same), ("other", other))
     }
-    write_json(ALIKE, {**(read_json(ALIKE) or {}), comparing.name: {"sets": list(SETS), **quantiles}})
+    KNOWN_PAIRS.write_text(json.dumps({"sets": list(SETS), **quantiles}) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 """The server of the demonstration: what it answers, in whose words, and whom it refuses."""
 
+import errno
 import io
 import json
 import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +15,10 @@ from sextant import cli
 from sextant.cli import demo
 from sextant.demo import answers as answering
 from sextant.demo import app as serving_app
-from sextant.demo.answers import QUESTIONS, Answers, sample_photo
+from sextant.demo.answers import sample_photo
 from sextant.demo.app import demo_app, page
-from sextant.demo.serving import open_page, served
+from sextant.demo.questions import QUESTIONS
+from sextant.demo.serving import served
 from sextant.errors import UserError
 
 CHINA = sample_photo("china.jpg")
@@ -23,7 +26,7 @@ CHINA = sample_photo("china.jpg")
 
 @pytest.fixture(scope="module")
 def client():
-    return demo_app(Answers()).test_client()
+    return demo_app().test_client()
 
 
 def ask(client, question, *files, **settings):
@@ -55,9 +58,8 @@ def test_two_photos_are_compared(client):
     assert status == 200
     assert -1 <= found["similarity"] < 0.9
     assert [each["width"] for each in found["photos"]] == [640, 640]
-    assert found["trained"]
-    assert found["known"]["more_alike_of_two"] > 0
-    assert found["known"]["less_alike_of_one"] < 0.5
+    assert found["known"]["other_above"] > 0
+    assert found["known"]["same_below"] < 0.5
 
 
 def test_an_example_is_found(client, tmp_path):
@@ -148,12 +150,51 @@ def test_a_text_too_large_is_not_called_a_file(client):
     assert found["problem"] == "the request is too large: 64 MB are taken for a photo, 500 kB for a text"
 
 
-def test_nothing_is_left_of_a_file(client, monkeypatch, tmp_path):
-    monkeypatch.setattr(answering, "MEMORY", tmp_path)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))  # nothing else may be written to
-    for content in (CHINA, b"broken"):
-        ask(client, "picture", ("photo.jpg", content))
-        assert list(tmp_path.iterdir()) == []
+@pytest.fixture
+def memory(monkeypatch, tmp_path):
+    """Folders that stand for memory and for the default folder of temporary files."""
+    for name in ("memory", "default"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(answering, "MEMORY", tmp_path / "memory")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "default"))
+    return tmp_path
+
+
+def full(monkeypatch, *folders):
+    """Folders in which half of a file finds room."""
+    write = Path.write_bytes
+
+    def half(path, content):
+        if path.parent.parent not in folders:
+            return write(path, content)
+        write(path, content[: len(content) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", half)
+
+
+def test_nothing_is_left_of_a_file(client, memory):
+    (memory / "default").rmdir()  # nothing else may be written to
+    for content, status in ((CHINA, 200), (b"broken", 422)):
+        assert ask(client, "picture", ("photo.jpg", content))[0] == status
+        assert [each.name for each in memory.rglob("*")] == ["memory"]
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_where_memory_is_missing_or_full_a_temporary_file_takes_its_place(client, memory, monkeypatch, missing):
+    if missing:
+        (memory / "memory").rmdir()
+    full(monkeypatch, memory / "memory")
+    assert ask(client, "picture", ("photo.jpg", CHINA))[0] == 200
+    assert not list(memory.glob("*/*"))
+
+
+def test_where_there_is_no_room_at_all_the_page_is_told_what_to_do(client, memory, monkeypatch):
+    full(monkeypatch, memory / "memory", memory / "default")
+    status, found = ask(client, "picture", ("photo.jpg", CHINA))
+    assert (status, found["problem"]) == (422, "there is no room for a temporary file: No space left on device")
+    assert "TMPDIR=" in found["fix"]
+    assert not list(memory.glob("*/*"))
 
 
 @pytest.mark.parametrize(
@@ -207,7 +248,7 @@ def test_a_fault_of_ours_is_told_without_its_details(monkeypatch, caplog):
         raise ZeroDivisionError("secret")
 
     monkeypatch.setitem(QUESTIONS, "photo", (1, 1, broken))
-    status, found = ask(demo_app(Answers()).test_client(), "photo", ("a.jpg", CHINA))
+    status, found = ask(demo_app().test_client(), "photo", ("a.jpg", CHINA))
     assert (status, found["problem"]) == (500, "this went wrong: ZeroDivisionError")
     assert "secret" in caplog.text
 
@@ -215,23 +256,16 @@ def test_a_fault_of_ours_is_told_without_its_details(monkeypatch, caplog):
 def test_a_port_that_is_taken_is_named():
     with served() as address:
         port = int(address.rstrip("/").rpartition(":")[2])
-        with pytest.raises(UserError, match=f"port={port} cannot be used"), served(port):
-            pass
-    with served(port):  # and it is free again
-        pass
+        with pytest.raises(UserError, match=f"port={port} cannot be used"):
+            served(port).__enter__()
+    with served(port) as again:  # it is free by now
+        assert again == address
 
 
-def test_where_there_is_no_browser_the_address_is_enough(monkeypatch):
-    said = []
-    monkeypatch.setattr("webbrowser.open", lambda address: False)
-    open_page("http://127.0.0.1:1/", said.append)
-    assert "no browser" in said[0]
-
-
-@pytest.mark.parametrize("browser", [True, False])
-def test_the_command_serves_until_it_is_interrupted(browser, monkeypatch, capsys):
+@pytest.mark.parametrize(("browser", "opens"), [(True, True), (True, False), (False, False)])
+def test_the_command_serves_until_it_is_interrupted(browser, opens, monkeypatch, capsys):
     opened = []
-    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or opens)
 
     class Interrupted:
         def wait(self):
@@ -243,5 +277,6 @@ def test_the_command_serves_until_it_is_interrupted(browser, monkeypatch, capsys
     assert ended.value.code == 130
     said = capsys.readouterr().out
     assert "http://127.0.0.1:" in said
-    assert "nothing is stored" in said
+    assert "no photo is kept" in said
+    assert ("no browser was found" in said) == (browser and not opens)
     assert [address in said for address in opened] == [True] * browser

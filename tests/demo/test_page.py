@@ -1,8 +1,10 @@
 """The page of the demonstration in a browser without a window, with files as a user chooses and drops them."""
 
 import pytest
+from cli.cosfire_detection.drawn import drawn
 from headless import CHROMIUM, chromium
 
+from sextant.applications.demonstration import where_else
 from sextant.demo.answers import sample_photo
 from sextant.demo.serving import served
 
@@ -21,14 +23,30 @@ ANSWERED = """new Promise((done) => {
 })"""
 DROP = """(() => {
   const zone = document.querySelector("%s"), given = new DataTransfer();
-  given.items.add(new File(["plain text"], "notes.txt"));
+  for (const name of %s) given.items.add(new File(["plain text"], name));
   zone.dispatchEvent(new DragEvent("drop", { dataTransfer: given, bubbles: true, cancelable: true }));
 })()"""
-CLICK = """(() => {
+CLICK = """((x, y) => {
   const frame = document.querySelector("#example .frame"), box = frame.getBoundingClientRect();
-  const at = { clientX: box.left + 0.4 * box.width, clientY: box.top + 0.6 * box.height };
+  const at = { clientX: box.left + x * box.width, clientY: box.top + y * box.height };
   frame.dispatchEvent(new MouseEvent("click", { ...at, bubbles: true }));
+})(%s, %s)"""
+#: the first answer comes when it is released
+HOLD = """(() => {
+  const real = window.fetch;
+  window.fetch = async (...asked) => {
+    window.fetch = real;
+    const response = await real(...asked), content = await response.json();
+    await new Promise((release) => { window.release = release; held(); });
+    return { ok: true, json: async () => content };
+  };
+  window.waiting = new Promise((done) => { window.held = done; });
 })()"""
+GONE = """(() => {
+  const real = window.fetch;
+  window.fetch = async () => { window.fetch = real; throw new TypeError("Failed to fetch"); };
+})()"""
+LEAD = "document.querySelector('#example .lead').textContent"
 STROKE = """(() => {
   const paper = document.querySelector("canvas"), box = paper.getBoundingClientRect();
   paper.setPointerCapture = () => {};
@@ -89,11 +107,23 @@ def test_a_chosen_photo_is_drawn_and_measured(tab, photos):
 
 
 def test_a_dropped_file_that_is_no_photo_is_named(tab, photos):
-    tab.run(DROP % "#photo .drop")
+    tab.run(DROP % ("#photo .drop", ["notes.txt"]))
     assert answered(tab, "photo").startswith("notes.txt cannot be read as a photo (10 bytes)")
     assert tab.run("document.querySelector('#photo .result').hidden")
     choose(tab, "#photo input[type=file]", photos / "empty.jpg")
     assert answered(tab, "photo").startswith("empty.jpg is empty (0 bytes)")
+
+
+def test_one_file_is_taken_at_a_time(tab):
+    tab.run(DROP % ("#photo .drop", ["notes.txt", "more.txt"]))
+    assert answered(tab, "photo").startswith("2 files were dropped")
+
+
+def test_a_sample_of_a_server_that_is_gone_is_an_answer_too(tab):
+    tab.run(GONE)
+    tab.run("document.querySelector('#photo .drop button').click()")
+    tab.run("new Promise((done) => setTimeout(done))")
+    assert answered(tab, "photo").startswith("the server does not answer")
 
 
 def test_two_photos_are_compared_after_the_tab_was_chosen_by_keys(tab, photos):
@@ -113,7 +143,7 @@ def test_an_example_is_pointed_at_by_mouse_and_by_keys(tab, photos):
     tab.run("document.getElementById('tab-example').click()")
     choose(tab, "#example .drop:nth-of-type(1) input", photos / "china.jpg")
     assert answered(tab, "example").startswith("Click a thing")
-    tab.run(CLICK)
+    tab.run(CLICK % (0.4, 0.6))
     assert answered(tab, "example").startswith("1 of at most 3 points")
     tab.run("document.querySelector('#example .frame').focus()")
     press(tab, "ArrowLeft", "ArrowUp", "Enter")
@@ -122,6 +152,34 @@ def test_an_example_is_pointed_at_by_mouse_and_by_keys(tab, photos):
     assert answered(tab, "example").startswith("Answered in")
     assert tab.run("document.querySelectorAll('#example tbody tr').length") >= 2
     assert tab.run("document.querySelector('#example img.over').naturalWidth") > 0
+
+
+def test_matches_are_counted_without_what_was_pointed_at(tab, tmp_path, monkeypatch):
+    tab.run("document.getElementById('tab-example').click()")
+    choose(
+        tab, "#example .drop:nth-of-type(1) input", drawn(tmp_path / "two.png", (440, 330), ((110, 110), (310, 190)))
+    )
+    assert answered(tab, "example").startswith("Click a thing")
+    tab.run("document.querySelector('#example .frame img').decode()")
+    for x in (0.251, 0.258):  # side by side, and found once
+        tab.run(CLICK % (x, 0.335))
+    tab.run("document.querySelector('#example .find').click()")
+    assert answered(tab, "example").startswith("Answered in")
+    assert tab.run(LEAD).endswith("Besides what you pointed at, 1 match.")
+    monkeypatch.setattr(where_else, "MOST_FOUND", 2)
+    tab.run("document.querySelector('#example .find').click()")
+    assert answered(tab, "example").startswith("Answered in")
+    assert tab.run(LEAD).endswith("Besides what you pointed at, 1 or more matches.")
+
+
+def test_of_two_photos_chosen_quickly_the_later_is_shown(tab, photos):
+    tab.run(HOLD)
+    choose(tab, "#example .drop:nth-of-type(1) input", photos / "china.jpg")
+    tab.run("waiting.then(() => null)")
+    choose(tab, "#example .drop:nth-of-type(1) input", photos / "flower.jpg")
+    assert answered(tab, "example").startswith("Click a thing")
+    tab.run("new Promise((done) => { release(); setTimeout(done); })")
+    assert tab.run("document.querySelector('#example .frame img').alt") == "flower.jpg"
 
 
 def test_a_drawn_digit_is_read_under_every_corruption(tab):

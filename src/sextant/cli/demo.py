@@ -1,5 +1,6 @@
 """``sextant demo``: see what Sextant does with photos of your own, in a browser."""
 
+import webbrowser
 from collections.abc import Sequence
 from threading import Event
 
@@ -15,7 +16,7 @@ class DemoOptions(Options):
     """What the user chose."""
 
     browser: bool = Field(True, examples=["false"])
-    """false only tells the address"""
+    """false only prints the address"""
     port: int = Field(0, ge=0, le=65535, examples=[8000])
     """on the loopback interface; one that is free unless given"""
 
@@ -23,10 +24,10 @@ class DemoOptions(Options):
 def main(arguments: Sequence[str]) -> None:
     """Serve the page until Ctrl-C."""
     options = DemoOptions.parse(arguments, USAGE)
-    from sextant.demo.serving import open_page, served
+    from sextant.demo.serving import served
 
     with served(options.port) as address:
-        console.print(f"[bold]{address}[/]  (Ctrl-C ends it; nothing leaves this machine, and nothing is stored)")
-        if options.browser:
-            open_page(address, console.print)
+        console.print(f"[bold]{address}[/]  (Ctrl-C ends it; nothing leaves this machine, and no photo is kept)")
+        if options.browser and not webbrowser.open(address):
+            console.print("no browser was found here: open the address in one")
         Event().wait()

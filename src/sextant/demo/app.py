@@ -11,7 +11,7 @@ from typing import Any
 from flask import Flask, Request, Response, jsonify, request
 from werkzeug.exceptions import HTTPException, RequestEntityTooLarge
 
-from sextant.demo.answers import QUESTIONS, Answers, sample_photo
+from sextant.demo.answers import answer, sample_photo
 from sextant.errors import UserError
 
 #: bytes of a photo, and of a request, which has two at most
@@ -40,19 +40,10 @@ class InMemory(Request):
         return io.BytesIO()
 
 
-class DemoApp(Flask):
-    """With requests in memory."""
-
-    request_class = InMemory
-
-
-def demo_app(answers: Answers) -> Flask:
-    """The application.
-
-    Args:
-        answers: to what the page asks.
-    """
-    app = DemoApp("sextant.demo", static_folder=None)
+def demo_app() -> Flask:
+    """The application."""
+    app = Flask("sextant.demo", static_folder=None)
+    app.request_class = InMemory
     app.json.sort_keys = False  # type: ignore[attr-defined]
     app.before_request(_refuse_strangers)
     app.after_request(_sealed)
@@ -61,12 +52,10 @@ def demo_app(answers: Answers) -> Flask:
 
     @app.post("/ask/<question>")
     def ask(question: str) -> Any:
-        if question not in QUESTIONS:
-            raise UserError(f"{question}: no such question", f"There are: {', '.join(QUESTIONS)}")
         files = [(each.filename or "", each.read()) for each in request.files.getlist("photo")]
         if any(len(content) > LARGEST_FILE for _, content in files):
             raise UserError(*TOO_LARGE)
-        return jsonify(answers.answer(question, files, request.form))
+        return jsonify(answer(question, files, request.form))
 
     @app.errorhandler(UserError)
     def mistake(error: UserError) -> Any:

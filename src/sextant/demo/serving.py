@@ -2,14 +2,13 @@
 
 import logging
 import socket
-import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Thread
 
 from werkzeug.serving import BaseWSGIServer, make_server
 
-from sextant.demo.answers import Answers
+from sextant.demo.answers import prepare
 from sextant.demo.app import demo_app
 from sextant.errors import UserError
 
@@ -27,11 +26,10 @@ def served(port: int = 0) -> Iterator[str]:
         UserError: the port is taken.
     """
     logging.getLogger("werkzeug").setLevel(logging.ERROR)  # a line for each request otherwise
-    answers = Answers()
-    server = _server(port, answers)
+    server = _server(port)
     thread = Thread(target=server.serve_forever, daemon=True)
     thread.start()
-    Thread(target=answers.prepare, daemon=True).start()
+    Thread(target=prepare, daemon=True).start()
     try:
         yield f"http://{HOST}:{server.server_port}/"
     finally:
@@ -40,7 +38,7 @@ def served(port: int = 0) -> Iterator[str]:
         server.server_close()
 
 
-def _server(port: int, answers: Answers) -> BaseWSGIServer:
+def _server(port: int) -> BaseWSGIServer:
     with socket.socket() as probe:  # werkzeug would end the process
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -49,10 +47,4 @@ def _server(port: int, answers: Answers) -> BaseWSGIServer:
             raise UserError(
                 f"port={port} cannot be used: {error.strerror}", "Leave it out: a free one is taken."
             ) from None
-    return make_server(HOST, port, demo_app(answers), threaded=True)
-
-
-def open_page(address: str, say: Callable[[str], None]) -> None:
-    """Open the page in the user's browser; say so where there is none."""
-    if not webbrowser.open(address):
-        say("no browser was found here: open the address in one")
+    return make_server(HOST, port, demo_app(), threaded=True)

@@ -1,13 +1,15 @@
 import base64
 import io
 import json
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from sextant.applications import PhotoCalibrator
-from sextant.applications.demonstration.photo import photo_answer
+from sextant.applications.demonstration.photo import _quantities, photo_answer
 from sextant.applications.demonstration.pictures import LONGEST, data_address, page_picture
 from sextant.demo.answers import sample_photo
 from sextant.errors import UserError
@@ -41,7 +43,7 @@ def test_the_numbers_are_those_of_the_calibrator(answer, calibrator, china):
     assert values["tilt"]["value"] == pytest.approx(camera.tilt_deg)
     assert values["focal length"]["value"] == pytest.approx(camera.focal_px)
     assert values["focal length"]["95"] == pytest.approx(list(camera.interval_95.focal_px))
-    assert values["the same on full frame"]["value"] == pytest.approx(camera.focal_px * 36 / 640)
+    assert values["35 mm equivalent"]["value"] == pytest.approx(camera.focal_px * 36 / 640)
     assert (answer["verdict"], answer["reasons"]) == (camera.verdict, list(camera.reasons))
 
 
@@ -62,8 +64,12 @@ def test_pictures_are_small_and_of_one_size(answer):
     assert {picture.size for _, picture in kinds} == {(640, 427)}
 
 
-def test_an_answer_is_json_even_where_an_interval_has_no_end(answer):
-    json.dumps(answer, allow_nan=False)
+def test_an_interval_without_an_end_is_json(calibrator, china):
+    camera = calibrator.calibrate(china)
+    unbounded = replace(camera, interval_95=replace(camera.interval_95, focal_px=(0.0, math.inf)))
+    values = {each["name"]: each for each in json.loads(json.dumps(_quantities(unbounded), allow_nan=False))}
+    assert values["focal length"]["95"] == values["35 mm equivalent"]["95"] == [0, None]
+    assert None not in values["focal length"]["68"]
 
 
 def test_a_large_photo_is_shown_small_and_upright(tmp_path):

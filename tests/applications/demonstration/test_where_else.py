@@ -24,7 +24,7 @@ def strong(photo):
     return sorted((each["x"], each["y"]) for each in photo["found"] if each["score"] > 0.7)
 
 
-def test_the_like_of_an_example_is_found_in_both_photos(photos):
+def test_similar_spots_are_found_in_both_photos(photos):
     found = where_else_answer(photos, [(0, *share(THERE[0]))])
     here, there = found["photos"]
     np.testing.assert_allclose(strong(here), [share(point) for point in THERE], atol=0.02)
@@ -34,6 +34,13 @@ def test_the_like_of_an_example_is_found_in_both_photos(photos):
     assert len(example["parts"]) > 3
     assert all(np.hypot(part["x"] - example["x"], part["y"] - example["y"]) < 0.2 for part in example["parts"])
     assert here["response"].startswith("data:image/webp;base64,")
+
+
+@pytest.mark.parametrize("points", [[THERE[0]], [THERE[0], (114, 110)]])
+def test_what_was_pointed_at_is_no_match_of_its_own(photos, points):
+    found = where_else_answer(photos, [(0, *share(point)) for point in points])
+    own = [[each["own"] for each in photo["found"] if each["score"] > 0.7] for photo in found["photos"]]
+    assert [sorted(each) for each in own] == [[False, True], [False]]
 
 
 def test_an_example_may_be_of_the_second_photo(photos):

@@ -1,5 +1,6 @@
 import io
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,9 +91,8 @@ def test_the_grid_covers_the_picture_with_a_bounded_number_of_lines(p):
 @pytest.mark.parametrize(
     ("p", "text"),
     [
-        (photo(), "horizon"),
-        (photo(1.2, 0.0), "horizon (outside: below)"),
-        (photo(-1.2, 0.0), "horizon (outside: above)"),
+        (photo(), "horizon (in the picture)"),
+        (photo(1.2, 0.0), "horizon (below the picture)"),
         (photo(seen=(0.1, 0.0, 0.8, 1.0)), "seen by the network"),
     ],
 )
@@ -102,6 +102,25 @@ def test_the_legend_says_what_is_drawn(p, text):
     assert text in labels
     assert ("seen by the network" in labels) == (p.seen != WHOLE)
     figure.savefig(io.BytesIO())
+
+
+@pytest.mark.parametrize(
+    ("tilt", "roll", "size", "side"),
+    [
+        (60, 0, (60, 80), "below"),
+        (-60, 0, (60, 80), "above"),
+        (60, 180, (60, 80), "above"),
+        (60, 90, (60, 80), "to the right of"),
+        (-60, 90, (60, 80), "to the left of"),
+        (60, 50, (60, 60), "to the right of"),
+        (60, 50, (60, 120), "below"),  # so wide a picture ends first below
+    ],
+)
+def test_a_horizon_outside_lies_where_the_ground_begins(tilt, roll, size, side):
+    p = photo(math.radians(tilt), math.radians(roll), k1=0.0, size=size)
+    assert p.horizon_is() == f"{side} the picture"
+    p = replace(p, focal=5.0)  # without distortion the nearest point of the horizon is at f tan(tilt) along the foot
+    assert p.horizon_is() == f"{side} the picture"
 
 
 @pytest.mark.parametrize("size", [(32, 2000), (2000, 32), (60, 80), (40, 40)])

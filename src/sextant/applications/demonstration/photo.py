@@ -51,16 +51,10 @@ def _lines(camera: PhotoCamera, image: ndarray) -> dict[str, Any]:
     from sextant.figures.calibration.overlay import distortion_grid, gravity_arrows
 
     drawn = camera.drawn(image)
-    horizon = drawn.horizon()
-    inside = (np.abs(horizon[:, 0]) <= drawn.aspect / 2) & (np.abs(horizon[:, 1]) <= 0.5)
     points, down = gravity_arrows(drawn)
     return {
-        "horizon": _pieces(horizon),
-        "horizon_is": "in the picture"
-        if inside.any()
-        else "below the picture"
-        if camera.tilt_deg > 0
-        else "above the picture",
+        "horizon": _pieces(drawn.horizon()),
+        "horizon_is": drawn.horizon_is(),
         "gravity": np.hstack([points, down]).round(4).tolist(),
         "grid": [piece for line in distortion_grid(drawn) for piece in _pieces(line)],
     }
@@ -88,7 +82,7 @@ def _quantities(camera: PhotoCamera) -> list[dict[str, Any]]:
         ("roll", "roll_deg", "°", 1.0, "positive: the right side of the camera is lower"),
         ("vertical field of view", "vfov_deg", "°", 1.0, "from the lower to the upper edge"),
         ("focal length", "focal_px", "px", 1.0, "in pixels of the whole photo"),
-        ("the same on full frame", "focal_px", "mm", to_mm, "as photographers say it, 36 mm wide"),
+        ("35 mm equivalent", "focal_px", "mm", to_mm, "focal length on full frame, 36 mm wide"),
         ("distortion k1", "k1", "", 1.0, "negative is barrel distortion"),
     ]
     return [

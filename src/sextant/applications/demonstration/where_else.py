@@ -1,5 +1,6 @@
-"""One example or a few, pointed at in photos: where else is the like?"""
+"""One example or a few, pointed at in photos: where else does it occur?"""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 
 from sextant.applications.demonstration.pictures import data_address
-from sextant.applications.detection.detector import ExampleDetector
+from sextant.applications.detection.detector import Detection, ExampleDetector
 from sextant.applications.detection.images import UprightImage, read_image
 from sextant.errors import ArgumentError
 from sextant.layers.cosfire import GaborBank
@@ -21,7 +22,7 @@ LONGEST = 480
 MOST_EXAMPLES = 3
 ROTATIONS, SCALES = 8, (0.7, 1.0, 1.4)
 MOST_FOUND = 50
-#: least answer of what is given: the page shows less of it
+#: minimum response of what is given: the page shows less of it
 LEAST = 0.4
 #: how opaque the strongest response is
 OPAQUE = 217
@@ -33,7 +34,7 @@ Point = tuple[int, float, float]
 def where_else_answer(
     photos: Sequence[Path], points: Sequence[Point], *, turned: bool = False, resized: bool = False
 ) -> dict[str, Any]:
-    """What filters find that are configured from what photos show at points; of places in shares of the photos' sides.
+    """Find similar spots, by filters configured from what photos show at points; places in shares of the photos' sides.
 
     Args:
         photos: one or two.
@@ -58,21 +59,24 @@ def where_else_answer(
     return {
         "photos": [_found(detector, image) for image in images],
         "examples": [_parts(detector, i) | {"photo": point[0]} for i, point in enumerate(points)],
+        "most": MOST_FOUND,
     }
 
 
 def _found(detector: ExampleDetector, image: UprightImage) -> dict[str, Any]:
     response, found = detector.find(image, threshold=LEAST, max_detections=MOST_FOUND)
+    own = _own(detector, image, found)
     rows = [
         {
             "x": (each.x + 0.5) / image.width,
             "y": (each.y + 0.5) / image.height,
             "score": each.score,
+            "own": i in own,
             "example": each.example,
             "turned_deg": round(np.degrees(each.move.rotation_rad)) if each.move else 0,
             "scale": each.move.scale if each.move else 1.0,
         }
-        for each in found
+        for i, each in enumerate(found)
     ]
     radius = detector.radius / response.shape[1]
     return {
@@ -81,6 +85,16 @@ def _found(detector: ExampleDetector, image: UprightImage) -> dict[str, Any]:
         "strongest": float(response.max()),
         "radius": radius,
     }
+
+
+def _own(detector: ExampleDetector, image: UprightImage, found: Sequence[Detection]) -> set[int]:
+    """Which are examples themselves; one may be several of them, for what is close together is found once."""
+    own = set()
+    for example in detector.examples:
+        apart = [math.dist(image.at((each.x, each.y)), example.point) for each in found]
+        if example.image is image and min(apart, default=math.inf) <= detector.radius:
+            own.add(apart.index(min(apart)))
+    return own
 
 
 def glow(response: Float[ndarray, "y x"]) -> UInt8[ndarray, "y x 4"]:

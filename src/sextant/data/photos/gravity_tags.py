@@ -17,6 +17,7 @@ from typing import Literal, get_args
 from PIL import Image
 
 from sextant.data.photos.exif import EXIF_BLOCK
+from sextant.data.upright import STORED_FROM_UPRIGHT
 
 GravityTag = Literal[
     "accelerometer (Apple)", "accelerometer (Mapillary)", "gimbal", "panorama's pose", "elevation angle"
@@ -27,11 +28,6 @@ APPLE, APPLE_ACCELERATION = b"Apple iOS\0", 0x0008
 LENS_MODEL, SIGNED_FRACTION = 0xA434, 10
 #: how far the accelerometer's reading may be from 1 g: beyond, the phone was shaken
 AT_REST = 0.1
-#: right and down of the upright picture by those of the stored one, by EXIF orientation
-UPRIGHT = {
-    1: (1, 0, 0, 1), 2: (-1, 0, 0, 1), 3: (-1, 0, 0, -1), 4: (1, 0, 0, -1),
-    5: (0, 1, 1, 0), 6: (0, -1, 1, 0), 7: (0, -1, -1, 0), 8: (0, 1, -1, 0),
-}  # fmt: skip
 
 
 def gravity_tag(exif: Image.Exif, xmp: bytes) -> GravityTag | None:
@@ -83,7 +79,7 @@ def apple_gravity(exif: Image.Exif, width: int, height: int, orientation: int) -
     size = math.hypot(right, up, out)
     if abs(size - 1) > AT_REST:
         return None
-    a, b, c, d = UPRIGHT[orientation]
+    (a, c), (b, d) = STORED_FROM_UPRIGHT[orientation]
     return (-a * up - b * right) / size, (-c * up - d * right) / size, -out / size
 
 

@@ -76,17 +76,26 @@ class CalibratedPhoto:
         tilt, roll = (torch.tensor(value, dtype=torch.float64) for value in (self.tilt, self.roll))
         return horizon_curve(tilt, roll, *self.lens(), reach=FAR * math.hypot(self.aspect, 1))
 
+    def horizon_is(self) -> str:
+        """Where the horizon is: in the picture, or on which side of it its foot ``ρ (sin ψ, cos ψ)`` lies."""
+        if (np.abs(self.horizon()) <= [self.aspect / 2, 0.5]).all(1).any():
+            return "in the picture"
+        sign = math.copysign(1, self.tilt)  # that of ρ
+        right, down = sign * math.sin(self.roll) / self.aspect, sign * math.cos(self.roll)
+        if abs(right) > abs(down):
+            return f"to the {'right' if right > 0 else 'left'} of the picture"
+        return f"{'below' if down > 0 else 'above'} the picture"
+
 
 def calibration_overlay(photo: CalibratedPhoto) -> Figure:
     """One photo: horizon, arrows of gravity, the picture of a square grid, and the part that the network saw."""
     width = 8 * min(1.0, max(photo.aspect, 0.35))
     picture = min(width / photo.aspect, 9)
     figure, (axes,) = new_figure(max(width, 4.5), picture + 0.25 * len(photo.caption) + 0.5)
-    visible = _draw(axes, photo, LONGEST_SIDE, 1.0)
+    _draw(axes, photo, LONGEST_SIDE, 1.0)
     axes.set_title("\n".join(photo.caption), fontsize=9, loc="left")
-    where = "" if visible else f" (outside: {'below' if photo.tilt > 0 else 'above'})"
     handles: list[Artist] = [
-        Line2D([], [], color=HORIZON, linewidth=2.5, label=f"horizon{where}"),
+        Line2D([], [], color=HORIZON, linewidth=2.5, label=f"horizon ({photo.horizon_is()})"),
         Line2D([], [], color=GRAVITY, marker=">", label="gravity"),
         Line2D([], [], color="#999999", linewidth=1, label="straight lines as the lens shows them"),
     ]
@@ -147,8 +156,8 @@ def distortion_grid(photo: CalibratedPhoto) -> list[Float[ndarray, "n 2"]]:
     return lines
 
 
-def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> bool:
-    """Draw a photo and its overlay with line widths times ``weight``; whether the horizon is in the picture."""
+def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> None:
+    """Draw a photo and its overlay with line widths times ``weight``."""
     aspect = photo.aspect
     extent = (-aspect / 2, aspect / 2, 0.5, -0.5)
     axes.imshow(_shrunk(photo.image, longest), extent=extent, interpolation="antialiased")
@@ -175,8 +184,7 @@ def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> bo
         edgecolor="#000000",
         linewidth=0.9 * weight,
     )
-    curve = photo.horizon()
-    axes.plot(*curve.T, color=HORIZON, linewidth=2.5 * weight, path_effects=outline)
+    axes.plot(*photo.horizon().T, color=HORIZON, linewidth=2.5 * weight, path_effects=outline)
     if not _is_whole(photo.seen):
         left, top, width, height = photo.seen
         box = ((left - 0.5) * aspect, top - 0.5)
@@ -185,8 +193,6 @@ def _draw(axes: Axes, photo: CalibratedPhoto, longest: int, weight: float) -> bo
         )
     axes.set(xlim=extent[:2], ylim=extent[2:])
     axes.axis("off")
-    inside = (np.abs(curve[:, 0]) <= aspect / 2) & (np.abs(curve[:, 1]) <= 0.5)
-    return bool(inside.any())
 
 
 def _project(directions: torch.Tensor, photo: CalibratedPhoto) -> Float[ndarray, "n 2"]:
