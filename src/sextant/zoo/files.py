@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,11 @@ REINSTALL = "Install Sextant again: pip install --force-reinstall --no-deps sext
 
 
 def names(folder: Path = FOLDER) -> list[str]:
-    """The models there are."""
+    """The models there are.
+
+    >>> "calibration" in names()
+    True
+    """
     return sorted(path.stem for path in folder.glob(f"*{CARD}"))
 
 
@@ -31,6 +36,9 @@ def model_file(reference: str, folder: Path = FOLDER) -> Path:
 
     Raises:
         UserError: there is no model of that name, or a file of it is missing.
+
+    >>> model_file("zoo:digits").name
+    'digits.safetensors'
     """
     name = reference.removeprefix(PREFIX)
     if name not in names(folder):
@@ -51,6 +59,10 @@ def read_card(path: Path) -> dict[str, Any]:
 
     Raises:
         UserError: there is none beside them, or it is damaged.
+
+    >>> card = read_card(model_file("zoo:digits"))
+    >>> card["bytes"] == model_file("zoo:digits").stat().st_size
+    True
     """
     card = path.with_suffix(CARD)
     try:
@@ -77,6 +89,10 @@ def read_model(path: Path) -> tuple[dict[str, Any], "dict[str, Tensor]"]:
 
     Raises:
         UserError: a file is missing or damaged, or the weights are not those that the card belongs to.
+
+    >>> built_by, weights = read_model(model_file("zoo:digits"))
+    >>> built_by["task"]
+    'classification'
     """
     import torch
     from safetensors import SafetensorError
@@ -111,6 +127,15 @@ def write_model(
 
     Returns:
         The file of the weights.
+
+    >>> import torch
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     built_by = {"task": "classification", "config": {}, "spec": {}}
+    ...     file = write_model("mine", built_by, {"w": torch.eye(2) / 3}, {"licence": "MIT"}, Path(folder))
+    ...     read_model(file)[1]["w"]  # in half precision 1/3 has four digits
+    tensor([[0.3333, 0.0000],
+            [0.0000, 0.3333]])
     """
     from safetensors.torch import save
 
@@ -118,9 +143,14 @@ def write_model(
     path = folder / f"{name}{WEIGHTS}"
     write_atomically(path, lambda file: file.write(data))
     card = {**facts, "sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), MODEL: dict(model)}
-    text = json.dumps(card, indent=1, ensure_ascii=False) + "\n"
-    write_atomically(path.with_suffix(CARD), lambda file: file.write(text.encode()))
+    write_atomically(path.with_suffix(CARD), lambda file: file.write(_readable(card).encode()))
     return path
+
+
+def _readable(card: Mapping[str, Any]) -> str:
+    """Indented JSON, with lists and mappings of plain values on one line."""
+    text = json.dumps(card, indent=1, ensure_ascii=False) + "\n"
+    return re.sub(r"[\[{]\n[^\[\]{}]*\n *[\]}]", lambda m: re.sub(r"\n *", "", m[0].replace(",\n", ", \n")), text)
 
 
 def _halved(tensor: "Tensor") -> "Tensor":
