@@ -3,7 +3,7 @@
 import doctest
 import re
 from importlib import import_module
-from inspect import isfunction
+from inspect import getmembers, isclass, isfunction
 
 import pytest
 import torch
@@ -11,7 +11,37 @@ from docs_commands import ROOT
 
 SOURCE = ROOT / "src"
 #: packages all of whose public functions have an example
-COMPLETE = ("baselines", "corruptions", "geometry", "layers", "layers.cosfire", "retrieval")
+COMPLETE = (
+    "baselines",
+    "corruptions",
+    "evaluation.exported",
+    "geometry",
+    "layers",
+    "layers.cosfire",
+    "localization.laser",
+    "localization.motion",
+    "localization.observation",
+    "localization.recovery",
+    "localization.resampling",
+    "losses",
+    "models",
+    "models.pooling",
+    "retrieval",
+    "worlds",
+    "zoo",
+)
+#: packages all of whose public classes that do something have one, too
+COMPLETE_CLASSES = (
+    "evaluation.exported",
+    "geometry",
+    "localization.laser",
+    "localization.motion",
+    "localization.resampling",
+    "losses",
+    "models",
+    "models.pooling",
+    "retrieval",
+)
 #: what only shows how a call looks, as it needs a run
 SHOWN = re.compile(r">>> (?:.|\n +\.\.\. )*# doctest: \+SKIP")
 
@@ -42,3 +72,23 @@ def test_every_public_function_of_a_complete_package_has_an_example(package):
     offered = import_module(f"sextant.{package}")
     functions = [getattr(offered, name) for name in offered.__all__ if isfunction(getattr(offered, name))]
     assert not [each.__name__ for each in functions if ">>>" not in (each.__doc__ or "")]
+
+
+def does_something(kind):
+    """Whether people make objects of it to use them: it is neither abstract nor a record that functions return."""
+    methods = dict(getmembers(kind, isfunction))
+    abstract = any(getattr(method, "__isabstractmethod__", False) for method in methods.values())
+    return not abstract and any(not name.startswith("_") for name in methods)
+
+
+def test_records_and_abstract_classes_need_no_example():
+    names = ("CameraLoss", "PlaceLossOutput", "BearingLoss")
+    assert [does_something(getattr(import_module("sextant.losses"), name)) for name in names] == [False, False, True]
+
+
+@pytest.mark.parametrize("package", COMPLETE_CLASSES)
+def test_every_public_class_of_a_complete_package_has_an_example(package):
+    offered = import_module(f"sextant.{package}")
+    classes = [each for each in (getattr(offered, name) for name in offered.__all__) if isclass(each)]
+    assert classes
+    assert not [each.__name__ for each in classes if does_something(each) and ">>>" not in (each.__doc__ or "")]

@@ -54,7 +54,8 @@ def names(tmp_path, monkeypatch):
     """What the pages take for granted: names, and files in the working directory."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SEXTANT_OUTPUTS", str(tmp_path / "outputs"))
-    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    for folder in ("docs", "examples"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
     drawn(tmp_path / "photo.jpg", (640, 480), glyphs=((310, 190),))
     for k in range(4):
         drawn(tmp_path / "photos" / f"{k}.png", (640, 480), glyphs=((100 + 90 * k, 150),))

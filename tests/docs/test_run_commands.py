@@ -72,6 +72,7 @@ NOT_RUN = {
     r"^python train\.py .*descriptor=landmarks": "needs a photo of the map; tests/applications/detection",
     r"^python train\.py .*descriptor=run": "needs a trained run of place recognition; smaller in tests/cli",
     r"^python train\.py (task=(calibration|place_recognition)|experiment=)": "renders towns; smaller in tests/tasks",
+    r"^python train\.py .*dataset=town": "renders a town; smaller in tests/data/worlds",
     r"^python evaluate\.py .*(dataset|checkpoint|off_the_shelf|cifar10)": "needs data and a run of it; tests/cli",
     r"^python train\.py trainer\.devices=2": "as tests/lifecycle/test_several_processes.py",
     r"^sextant evaluate run=zoo:": "needs panoramas or MNIST; tests/zoo",

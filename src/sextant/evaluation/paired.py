@@ -69,6 +69,10 @@ def paired_difference(
 
     Raises:
         ValueError: the shapes differ or there is no pair.
+
+    >>> found = paired_difference(np.array([81.0, 83.0, 80.0, 84.0]), np.array([80.0, 81.0, 80.5, 82.0]))
+    >>> f"{found.mean:+.3f} [{found.low:+.2f}, {found.high:+.2f}], better in {found.wins} of {found.seeds}"
+    '+1.125 [-0.75, +3.00], better in 3 of 4'
     """
     if treatment.shape != control.shape or len(treatment) == 0:
         raise ValueError(f"need the same pairs in both arms, at least one; got {treatment.shape} and {control.shape}")
@@ -137,7 +141,12 @@ def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float =
 
 
 def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> tuple[float, float]:
-    """t interval of a mean over seeds; nan with fewer than two."""
+    """t interval of a mean over seeds; nan with fewer than two.
+
+    >>> low, high = mean_interval(np.array([1.0, 2.0, 3.0]))
+    >>> f"{low:.2f} to {high:.2f}"  # 2 ± 4.30 / sqrt(3), wide for three seeds
+    '-0.48 to 4.48'
+    """
     return _t_interval(np.asarray(values, float), confidence)
 
 

@@ -12,7 +12,11 @@ CONVERGED_ABOVE_CHANCE = 0.5
 
 
 def classification_converged(validation_accuracy: float, num_classes: int) -> bool:
-    """Whether a trained classifier learnt at all: ``accuracy >= chance + 0.5 (1 - chance)``, chance being 1/K."""
+    """Whether a trained classifier learnt at all: ``accuracy >= chance + 0.5 (1 - chance)``, chance being 1/K.
+
+    >>> classification_converged(0.56, num_classes=10), classification_converged(0.54, num_classes=10)  # from 0.55 on
+    (True, False)
+    """
     chance = 1 / num_classes
     return validation_accuracy >= chance + CONVERGED_ABOVE_CHANCE * (1 - chance)
 
@@ -59,6 +63,10 @@ class LocalizationProtocol:
 
     Raises:
         ValueError: a limit is not positive.
+
+    Example:
+        >>> LocalizationProtocol(position=0.5, heading_deg=10.0, frames=10).name("success")
+        'success_0.5m_10deg_10f'
     """
 
     position: float

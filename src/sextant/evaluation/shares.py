@@ -56,7 +56,12 @@ def share_interval(
 def share_interval_of(
     mean: float, spread: float, seeds: int, trials: int | None = None, confidence: float = 0.95
 ) -> tuple[float, float]:
-    """:func:`share_interval` of shares of which only the mean and the standard deviation over seeds are known."""
+    """:func:`share_interval` of shares of which only the mean and the standard deviation over seeds are known.
+
+    >>> low, high = share_interval_of(1.0, 0.0, seeds=10, trials=80)  # all of 80 runs succeeded
+    >>> f"{low:.3f} to {high:.3f}"
+    '0.940 to 1.000'
+    """
     from statsmodels.stats.proportion import proportion_confint
 
     if seeds < 2 or not (math.isfinite(mean) and math.isfinite(spread)):

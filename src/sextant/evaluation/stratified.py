@@ -18,6 +18,10 @@ class Sample:
         count: of the runs.
         mean: of their values; nan of none.
         spread: standard deviation; nan of fewer than two.
+
+    Example:
+        >>> Sample.of(np.array([1.0, 3.0, 5.0]))
+        Sample(count=3, mean=3.0, spread=2.0)
     """
 
     count: int

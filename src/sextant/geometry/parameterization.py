@@ -94,6 +94,11 @@ class Parameterization:
 
     Raises:
         UserError: the name is unknown, or the family leaves k2 free.
+
+    Example:
+        >>> camera = CameraParameters(*torch.tensor([[0.0], [0.0], [0.5], [-0.1]]))  # tilt, roll, focal, k1
+        >>> Parameterization("angles").encode(camera)  # a focal length of half the height sees a right angle: π / 2
+        tensor([[ 0.0000,  0.0000,  1.5708, -0.1000]])
     """
 
     name: Name = "horizon"
@@ -162,6 +167,12 @@ class ParameterSpace:
 
     Raises:
         UserError: a range is empty or not finite, or has a focal length or field of view that no camera has.
+
+    Example:
+        >>> low, high = torch.tensor([-1.0, -1.0, 1.0, -1.0]), torch.tensor([1.0, 1.0, 3.0, 1.0])
+        >>> space = ParameterSpace(Parameterization("direct"), low, high)
+        >>> space.from_unit(torch.full((1, 4), 0.5)), space.to_unit(low)  # the middle of the ranges; their lower ends
+        (tensor([[0., 0., 2., 0.]]), tensor([0., 0., 0., 0.]))
     """
 
     parameterization: Parameterization

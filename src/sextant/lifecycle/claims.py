@@ -130,12 +130,12 @@ def check_digests(claims: Claims, stored: Path) -> None:
     known = {name: digest for digest, _, name in lines}
     lost = sorted(name for name in known if not (stored / name).is_file())
     if lost:
-        raise UserError(f"{stored / lost[0]} is not there", f"Restore it: git checkout {lost[0]}")
+        raise UserError(f"{stored / lost[0]} is not there", f"Restore it: git checkout {stored / lost[0]}")
     for name, digest in digests(claims, stored).items():
         if known.get(name) != digest:
             raise UserError(
                 f"{stored / name} does not match its digest in {stored / DIGESTS}",
-                f"Restore it (git checkout {name}), or, if its sweep was run anew: sextant claims digests=renew",
+                f"Restore it (git checkout {stored / name}), or if its sweep ran anew: sextant claims digests=renew",
             )
 
 

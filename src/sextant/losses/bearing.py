@@ -58,6 +58,12 @@ class BearingLoss(CameraLoss):
 
     Raises:
         UserError: the mode is unknown or the grid has fewer than 2 points a side.
+
+    Example:
+        >>> cameras = torch.tensor([[0.0, 0.0, 100.0, 0.0], [0.1, 0.0, 100.0, 0.0]])  # f = 100 image heights
+        >>> space = ParameterSpace(Parameterization("direct"), cameras[0] - 1, cameras[0] + 1)
+        >>> BearingLoss(space, mode="joint")(cameras[1:], cameras[:1], torch.ones(1))  # raised by 0.1 rad: 0.1²
+        tensor([0.0100])
     """
 
     weights: Tensor

@@ -23,6 +23,11 @@ class ContrastiveLoss(PlaceLoss):
 
     Raises:
         UserError: the margin is not positive.
+
+    Example:
+        >>> descriptors, triplet = torch.tensor([[0.0], [0.4], [0.3]]), torch.tensor([[0, 1, 2]])
+        >>> ContrastiveLoss(margin=0.5)(descriptors, triplet).value  # (0.4² + (0.5 - 0.3)²) / 2
+        tensor(0.1000)
     """
 
     def __init__(self, *, margin: float = 0.5):

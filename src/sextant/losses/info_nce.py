@@ -29,6 +29,11 @@ class InfoNCELoss(PlaceLoss):
 
     Raises:
         UserError: the temperature is not positive.
+
+    Example:
+        >>> anchor_positive_negative = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+        >>> InfoNCELoss()(anchor_positive_negative, torch.tensor([[0, 1, 2]])).value  # equally similar: ln 2
+        tensor(0.6931)
     """
 
     def __init__(self, *, temperature: float = 0.07):

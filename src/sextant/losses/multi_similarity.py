@@ -33,6 +33,11 @@ class MultiSimilarityLoss(PlaceLoss):
 
     Raises:
         UserError: a parameter is out of its range.
+
+    Example:
+        >>> descriptors = torch.tensor([[1.0, 0.0], [0.5, 0.75**0.5], [0.5, -(0.75**0.5)]])  # s = λ to either
+        >>> MultiSimilarityLoss()(descriptors, torch.tensor([[0, 1, 2]])).value  # (ln 2 / 2 + ln 2 / 50) / 3 images
+        tensor(0.1201)
     """
 
     def __init__(self, *, alpha: float = 2.0, beta: float = 50.0, base: float = 0.5, epsilon: float | None = 0.1):

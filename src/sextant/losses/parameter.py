@@ -37,6 +37,14 @@ class ParameterLoss(CameraLoss):
 
     Raises:
         UserError: units or penalty are unknown, or ``delta`` is not positive.
+
+    Example:
+        >>> from sextant.geometry import Parameterization
+        >>> low, high = torch.tensor([-1.0, -1.0, 1.0, -1.0]), torch.tensor([1.0, 1.0, 3.0, 1.0])
+        >>> loss = ParameterLoss(ParameterSpace(Parameterization("direct"), low, high))
+        >>> truth, tilted = torch.tensor([[0.0, 0.0, 2.0, 0.0]]), torch.tensor([[0.2, 0.0, 2.0, 0.0]])
+        >>> loss(tilted, truth, torch.ones(1))  # off by a tenth of the range: 0.1² / 4
+        tensor([0.0025])
     """
 
     scale: Tensor

@@ -22,6 +22,12 @@ class TripletMarginLoss(TripletLoss):
 
     Raises:
         UserError: the margin is not positive.
+
+    Example:
+        >>> import torch
+        >>> descriptors, triplet = torch.tensor([[0.0], [1.0], [1.2]]), torch.tensor([[0, 1, 2]])
+        >>> TripletMarginLoss(margin=0.5)(descriptors, triplet).value  # 1 - 1.2 + 0.5
+        tensor(0.3000)
     """
 
     def __init__(self, *, margin: float = 0.1, squared: bool = False):

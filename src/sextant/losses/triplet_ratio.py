@@ -38,6 +38,12 @@ class TripletRatioLoss(TripletLoss):
 
     Raises:
         UserError: the margin is too small or the weight negative.
+
+    Example:
+        >>> import torch
+        >>> descriptors, triplet = torch.tensor([[0.0], [0.99], [0.25]]), torch.tensor([[0, 1, 2]])
+        >>> TripletRatioLoss(margin=0.01)(descriptors, triplet).value  # 1 - 0.25 / (0.99 + 0.01)
+        tensor(0.7500)
     """
 
     def __init__(self, *, margin: float = SMALLEST_MARGIN, pair_weight: float = 0.0):

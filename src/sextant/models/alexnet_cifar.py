@@ -31,6 +31,11 @@ class AlexNetCifar(nn.Module):
 
     Raises:
         ValueError: the image is too small for the poolings, or ``dropout`` is not in [0, 1].
+
+    Example:
+        >>> import torch
+        >>> AlexNetCifar(3, (32, 32), num_classes=10)(torch.rand(2, 3, 32, 32)).shape
+        torch.Size([2, 10])
     """
 
     def __init__(

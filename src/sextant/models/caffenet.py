@@ -29,6 +29,11 @@ class CaffeNet(nn.Module):
 
     Raises:
         ValueError: the image is too small.
+
+    Example:
+        >>> import torch
+        >>> CaffeNet(3, (227, 227), num_classes=10).features(torch.rand(1, 3, 227, 227)).shape  # pool5, as published
+        torch.Size([1, 256, 6, 6])
     """
 
     def __init__(self, in_channels: int, image_size: tuple[int, int], num_classes: int):

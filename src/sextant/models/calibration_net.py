@@ -31,6 +31,10 @@ def coordinate_channels(height: int, width: int, aspect: Float[Tensor, "b"]) -> 
     """Where each pixel lies: u, v in image heights from the centre, and u² + v²; ``aspect`` is width over height.
 
     Source: R. Liu et al., "An intriguing failing of convolutional neural networks and the CoordConv solution", 2018.
+
+    >>> u, v, square = coordinate_channels(2, 4, torch.tensor([2.0]))[0]  # an image twice as wide as high
+    >>> u[0], v[:, 0]
+    (tensor([-0.7500, -0.2500,  0.2500,  0.7500]), tensor([-0.2500,  0.2500]))
     """
     v = (torch.arange(height, dtype=aspect.dtype, device=aspect.device) + 0.5) / height - 0.5
     u = ((torch.arange(width, dtype=aspect.dtype, device=aspect.device) + 0.5) / width - 0.5) * aspect[:, None]
@@ -50,6 +54,13 @@ class CalibrationNet(nn.Module):
         coordinates: append the channels of :func:`coordinate_channels`.
         lines: the images are squares with pictures in their middles, low-passed to so many lines a side
             (:mod:`sextant.models.canvas`); None for pictures squashed to the input.
+
+    Example:
+        >>> from sextant.models import StridedCNN
+        >>> network = CalibrationNet(StridedCNN(6, (96, 128), num_classes=32), features=32)
+        >>> says = network(torch.rand(2, 3, 96, 128), torch.full((2,), 4 / 3))
+        >>> says.unit.shape, says.log_scale.shape
+        (torch.Size([2, 4]), torch.Size([2, 4]))
     """
 
     def __init__(self, backbone: nn.Module, features: int, *, coordinates: bool = True, lines: float | None = None):

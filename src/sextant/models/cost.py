@@ -77,6 +77,10 @@ def network_cost(
     Args:
         network: takes images ``(1, in_channels, *image_size)``; it is left as it was.
         pull: how push-pull layers compute their pull response.
+
+    >>> network = nn.Sequential(nn.Conv2d(3, 8, 3, padding=1), nn.Flatten(), nn.Linear(8 * 16, 10))
+    >>> [layer.macs for layer in network_cost(network, (4, 4), 3).layers]  # 16 pixels x 8 x 3 x 3², and 128 x 10
+    [3456, 1280]
     """
     layers: list[LayerCost] = []
     uncounted = []

@@ -66,6 +66,10 @@ class DenseNetCifar(nn.Module):
 
     Raises:
         ValueError: there is no such depth, the growth is not positive, or the image is too small.
+
+    Example:
+        >>> sum(parameter.numel() for parameter in DenseNetCifar(3, (32, 32), 10, depth=40, growth=12).parameters())
+        176122
     """
 
     def __init__(

@@ -159,6 +159,9 @@ def efficientnet_lite0_classifier() -> EfficientNetLite0:
 
     Raises:
         ArgumentError: the weights cannot be had.
+
+    >>> efficientnet_lite0_classifier()(torch.rand(2, 3, 224, 224)).shape  # doctest: +SKIP
+    torch.Size([2, 1000])
     """
     network = EfficientNetLite0(3, (224, 224), CLASSES)
     network.load_state_dict(imagenet_weights(_names))

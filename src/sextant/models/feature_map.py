@@ -35,6 +35,12 @@ class FeatureMap(nn.Module):
 
     Raises:
         UserError: there is no such layer, it gives no map with height and width, or the images are too small for it.
+
+    Example:
+        >>> from sextant.models import ResNetCifar
+        >>> features = FeatureMap(ResNetCifar(3, (32, 32), 10, depth=20), 3, (32, 32), layer="layer2")
+        >>> features.channels, features.size
+        (32, (16, 16))
     """
 
     def __init__(self, network: nn.Module, in_channels: int, image_size: tuple[int, int], *, layer: str | None = None):

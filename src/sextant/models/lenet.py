@@ -32,6 +32,11 @@ class LeNet(nn.Module):
 
     Raises:
         ValueError: the image is too small for two convolutions and poolings.
+
+    Example:
+        >>> import torch
+        >>> LeNet("A", 1, (28, 28), num_classes=10)(torch.rand(2, 1, 28, 28)).shape
+        torch.Size([2, 10])
     """
 
     def __init__(self, variant: Variant, in_channels: int, image_size: tuple[int, int], num_classes: int):

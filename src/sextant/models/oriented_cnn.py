@@ -39,6 +39,11 @@ class OrientedGradients(nn.Module):
     Args:
         orientations: number of bins over half a turn.
         cell: side of a cell in pixels.
+
+    Example:
+        >>> gradients = OrientedGradients(orientations=10, cell=4)
+        >>> gradients(torch.rand(2, 3, 32, 48)).shape  # ten orientations, contrast and colours
+        torch.Size([2, 14, 8, 12])
     """
 
     votes: Tensor
@@ -82,6 +87,10 @@ class OrientedCNN(nn.Module):
     Raises:
         ValueError: a width is not a multiple of 8, widths and strides differ in number, there are fewer than three
             channels, or the image is too small.
+
+    Example:
+        >>> OrientedCNN(3, (96, 128), num_classes=8)(torch.rand(2, 3, 96, 128)).shape
+        torch.Size([2, 8])
     """
 
     def __init__(

@@ -31,6 +31,11 @@ class LocalContrast(nn.Module):
 
     Raises:
         ValueError: the side is even or below 3.
+
+    Example:
+        >>> image = torch.rand(1, 3, 16, 16)
+        >>> torch.allclose(LocalContrast(5)(image), LocalContrast(5)(image + 0.2), atol=1e-3)  # brighter all over
+        True
     """
 
     def __init__(self, window: int):
@@ -64,6 +69,10 @@ class PlaceCNN(nn.Module):
 
     Raises:
         ValueError: a width is not a multiple of 8, widths and strides differ in number, or the image is too small.
+
+    Example:
+        >>> PlaceCNN(3, (64, 96), num_classes=8).features(torch.rand(2, 3, 64, 96)).shape
+        torch.Size([2, 128, 8, 12])
     """
 
     def __init__(

@@ -26,6 +26,15 @@ class PlaceNet(nn.Module):
 
     Raises:
         ValueError: the dimension is below 1, or without projection not that of the pooling.
+
+    Example:
+        >>> import torch
+        >>> from sextant.models import FeatureMap, PlaceCNN
+        >>> from sextant.models.pooling import GeM
+        >>> backbone = FeatureMap(PlaceCNN(3, (32, 48), 1), 3, (32, 48))
+        >>> network = PlaceNet(backbone, GeM(backbone.channels, backbone.size), dimension=64)
+        >>> network(torch.rand(2, 3, 32, 48)).shape
+        torch.Size([2, 64])
     """
 
     def __init__(

@@ -55,6 +55,17 @@ def load_published(path: Path, *, scale: float = 2.0, alpha: float = 1.0) -> Pub
     Raises:
         UserError: the file is missing, truncated, not one of theirs, a network of another kind or depth, or its weights
             are not finite.
+
+    >>> import torch
+    >>> from tempfile import TemporaryDirectory
+    >>> state = ResNetCifar(3, IMAGE_SIZE, 10, depth=20).state_dict()
+    >>> state["conv1.push.weight"] = state.pop("conv1.weight")  # how they store a push-pull layer
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder, "model_best.pth.tar")
+    ...     torch.save({"epoch": 7, "state_dict": state, "best_prec1": 91.7}, file)
+    ...     found = load_published(file)
+    >>> found.architecture, found.push_pull
+    ('resnet-20', ('conv1',))
     """
     content = _read(path)
     state = {name.removeprefix("module."): tensor for name, tensor in content["state_dict"].items()}

@@ -25,6 +25,11 @@ class SmallVGG(nn.Module):
 
     Raises:
         ValueError: widths and depths differ in number, or the image is too small to be halved so often.
+
+    Example:
+        >>> import torch
+        >>> SmallVGG(1, (28, 28), num_classes=10).stages(torch.rand(2, 1, 28, 28)).shape
+        torch.Size([2, 64, 7, 7])
     """
 
     def __init__(

@@ -20,6 +20,10 @@ class Standardize(nn.Module):
 
     Raises:
         ValueError: there is not one mean and one positive std a channel.
+
+    Example:
+        >>> Standardize(in_channels=1, mean=[0.5], std=[0.25])(torch.tensor([[[[0.5, 1.0]]]]))
+        tensor([[[[0., 2.]]]])
     """
 
     mean: Tensor

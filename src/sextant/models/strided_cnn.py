@@ -24,6 +24,12 @@ class StridedCNN(nn.Module):
 
     Raises:
         ValueError: a width is not a multiple of 8, or the image is too small for the layers.
+
+    Example:
+        >>> import torch
+        >>> network = StridedCNN(3, (96, 128), num_classes=8)
+        >>> network.features(torch.rand(2, 3, 96, 128)).shape, network(torch.rand(2, 3, 96, 128)).shape
+        (torch.Size([2, 160, 6, 8]), torch.Size([2, 8]))
     """
 
     def __init__(

@@ -31,6 +31,11 @@ def timm_backbone(
 
     Raises:
         UserError: timm is not installed, there is no such network, or its weights cannot be fetched.
+
+    >>> import torch
+    >>> network = timm_backbone("mobilenetv3_small_050", in_channels=1, image_size=(32, 32), num_classes=7).eval()
+    >>> network(torch.zeros(2, 1, 32, 32)).shape
+    torch.Size([2, 7])
     """
     try:
         import timm

@@ -24,6 +24,11 @@ def torchvision_backbone(
 
     Raises:
         UserError: there is no such network, or the weights cannot be had or do not fit.
+
+    >>> import torch
+    >>> network = torchvision_backbone("mobilenet_v3_small", in_channels=1, image_size=(32, 32), num_classes=7).eval()
+    >>> network(torch.zeros(2, 1, 32, 32)).shape
+    torch.Size([2, 7])
     """
     network = torchvision_classifier(name, weights)
     _replace_last(network, num_classes)

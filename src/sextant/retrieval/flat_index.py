@@ -35,6 +35,12 @@ class FlatIndex:
 
     Raises:
         ValueError: as :func:`~sextant.retrieval.nearest.prepare_references`, or there are not as many names as rows.
+
+    Example:
+        >>> index = FlatIndex(np.array([[1, 0], [0, 1], [1, 1]], np.float32))
+        >>> found = index.search(np.array([[2, 0.1]], np.float32), 2)
+        >>> found.indices
+        array([[0, 2]])
     """
 
     def __init__(

@@ -30,6 +30,12 @@ class Relation:
 
     Raises:
         ValueError: they differ in shape, or a pair is in both.
+
+    Example:
+        >>> same = torch.tensor([[False, True, False], [True, False, False], [False, False, False]])
+        >>> different = torch.tensor([[False, False, True], [False, False, True], [True, True, False]])
+        >>> Relation(same, different).usable()  # the third image has no other of its place
+        tensor([ True,  True, False])
     """
 
     positive: Bool[Tensor, "m n"]

@@ -88,7 +88,14 @@ EXAMPLE = '{"name": "my AlexNet", "source": "run 12", "clean": 0.14, "errors": {
 
 
 def write_baseline(path: Path, baseline: CorruptionBaseline) -> None:
-    """Write ``baseline`` as the JSON that :func:`read_baseline` reads."""
+    """Write ``baseline`` as the JSON that :func:`read_baseline` reads.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     write_baseline(Path(folder, "a.json"), ALEXNET_CIFAR10_C)
+    ...     read_baseline(Path(folder, "a.json")) == ALEXNET_CIFAR10_C
+    True
+    """
     content = {
         "name": baseline.name,
         "source": baseline.source,
@@ -103,6 +110,12 @@ def read_baseline(path: Path) -> CorruptionBaseline:
 
     Raises:
         UserError: the file cannot be read, or a value is missing or not a share in [0, 1].
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = (file := Path(folder, "a.json")).write_text(EXAMPLE)
+    ...     read_baseline(file).errors
+    {'fog': (0.2, 0.25, 0.3, 0.35, 0.5)}
     """
     fix = f"Write it like this:\n{EXAMPLE}"
     try:

@@ -51,6 +51,12 @@ def corruption_differences(
 
     Raises:
         ValueError: the arms have other corruptions or numbers of seeds, or none.
+
+    >>> control = {"fog": np.array([12.0, 13.0, 14.0]), "snow": np.array([20.0, 20.0, 21.5])}  # three seeds each
+    >>> treatment = {"fog": np.array([10.0, 12.0, 11.0]), "snow": np.array([20.0, 21.0, 22.0])}
+    >>> found = corruption_differences(treatment, control)
+    >>> found.mean.mean, found.wins, found.losses, found.certain_wins  # -2 in fog, +0.5 in snow
+    (-0.75, 1, 1, 0)
     """
     if not treatment or set(treatment) != set(control):
         odd = sorted(set(treatment) ^ set(control))

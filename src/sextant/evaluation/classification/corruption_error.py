@@ -32,6 +32,11 @@ class CorruptionErrors:
     Attributes:
         clean: error on clean images.
         severities: error by corruption, one a severity.
+
+    Example:
+        >>> errors = CorruptionErrors.of_conditions({"clean": 0.1, "fog/1": 0.2, "fog/2": 0.4, "snow/1": 0.5})
+        >>> round(errors.by_corruption()["fog"], 2), round(errors.mean(), 2)  # every corruption counts the same
+        (0.3, 0.4)
     """
 
     clean: float
@@ -72,7 +77,11 @@ class CorruptionErrors:
 
 
 def error_rate(predictions: Integer[ndarray, "n"], labels: Integer[ndarray, "n"]) -> float:
-    """Share of predictions that are wrong; ``ValueError`` without any or if the lengths differ."""
+    """Share of predictions that are wrong; ``ValueError`` without any or if the lengths differ.
+
+    >>> error_rate(np.array([0, 1, 1, 2]), np.array([0, 1, 2, 2]))
+    0.25
+    """
     if len(labels) == 0 or predictions.shape != labels.shape:
         raise ValueError(f"need one prediction per label and at least one, got {len(predictions)} and {len(labels)}")
     return float(np.mean(predictions != labels))

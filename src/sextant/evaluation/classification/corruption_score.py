@@ -82,6 +82,11 @@ def corruption_score(
 
     Raises:
         ValueError: the model or the baseline lacks a corruption of the set.
+
+    >>> own = CorruptionErrors(0.1, {"fog": (0.2, 0.4)})  # clean, and at two severities
+    >>> score = corruption_score(own, CorruptionBaseline("mine", "run 12", 0.1, {"fog": (0.3, 0.5)}))
+    >>> round(score.mean_ce, 2), round(score.mean_relative_ce, 2)  # 0.6 / 0.8, and 0.4 / 0.6 without the clean error
+    (0.75, 0.67)
     """
     names = present(corruptions, errors.severities)
     present(names, baseline.errors)

@@ -46,6 +46,10 @@ def flip_probability(predictions: Integer[ndarray, "sequences frames"], *, again
 
     Raises:
         ValueError: there is no sequence, a sequence has no two frames ``step`` apart, or ``step`` is not positive.
+
+    >>> frames = np.array([[3, 3, 5, 5]])
+    >>> round(flip_probability(frames, against_first=False), 2), round(flip_probability(frames, against_first=True), 2)
+    (0.33, 0.67)
     """
     count, frames = predictions.shape
     if step < 1 or count == 0 or frames <= step:
@@ -58,7 +62,11 @@ def flip_probability(predictions: Integer[ndarray, "sequences frames"], *, again
 def mean_flip_probability(
     by_perturbation: Mapping[str, float], perturbations: Sequence[str] = BENCHMARK_PERTURBATIONS
 ) -> float:
-    """Mean over ``perturbations``; ``ValueError`` names the missing ones."""
+    """Mean over ``perturbations``; ``ValueError`` names the missing ones.
+
+    >>> mean_flip_probability({"tilt": 0.1, "scale": 0.3, "snow": 0.9}, ("tilt", "scale"))
+    0.2
+    """
     if missing := [name for name in perturbations if name not in by_perturbation]:
         raise ValueError(f"no flip probability is known for {', '.join(missing)}")
     return float(np.mean([by_perturbation[name] for name in perturbations]))

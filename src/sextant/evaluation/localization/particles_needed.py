@@ -55,6 +55,10 @@ def particles_needed(
 
     Raises:
         ValueError: counts do not ascend, there is no seed, or the level is not in (0, 1].
+
+    >>> counts, succeeded = np.array([100, 1000]), np.array([[False, True, True, True], [True] * 4])  # of four seeds
+    >>> particles_needed(counts, succeeded), particles_needed(counts, succeeded, level=0.75)
+    (1000.0, 100.0)
     """
     _check(counts, successes, level)
     return float(_needed(counts, successes.mean(axis=1), level))
@@ -82,6 +86,10 @@ def needed_ratio(
 
     Raises:
         ValueError: as for `particles_needed`, or paired methods differ in their number of seeds.
+
+    >>> always, counts = np.ones((2, 4), bool), np.array([100, 1000])  # four seeds succeed at either count
+    >>> print(needed_ratio((counts, ~always), (counts, always)))  # the first method never does, not even with 1,000
+    at least 10 [10, inf]
     """
     for counts, successes in (first, second):
         _check(counts, successes, level)

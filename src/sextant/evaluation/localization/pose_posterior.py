@@ -81,6 +81,10 @@ def nees(
         truth, mean: poses.
         covariance: symmetric, in metres and radians.
         axes: coordinates that count: ``PLANE``, ``POSITION`` or ``RAILWAY``.
+
+    >>> off = np.array([1.0, 0.0, 0.0])  # by a metre along x, where sigma is half a metre: 2² for one coordinate
+    >>> float(nees(off, np.zeros(3), np.diag([0.25, 1.0, 1.0])))
+    4.0
     """
     errors = pose_errors(truth, mean)[..., axes]
     chosen = covariance[..., axes, :][..., axes]
@@ -107,6 +111,10 @@ def posterior_calibration(
 
     Raises:
         ValueError: there is no value, or one is nan.
+
+    >>> right = np.random.default_rng(0).chisquare(3, 1000)  # NEES of a filter that is as sure as it is right
+    >>> posterior_calibration(right, dof=3).calibrated, posterior_calibration(2 * right, dof=3).calibrated
+    (True, False)
     """
     if len(values) == 0 or np.isnan(values).any():
         raise ValueError(f"calibration needs NEES values without nan, got {len(values)}")
@@ -150,6 +158,11 @@ def particle_nll(
 
     Raises:
         ValueError: a bandwidth is not positive, or the background is not a share of a positive density.
+
+    >>> one = {"poses": np.zeros((1, 3)), "log_weights": np.zeros(1), "bandwidth_m": 1.0, "bandwidth_rad": 0.1}
+    >>> there, away = (particle_nll(np.array([x, 0.0, 0.0]), **one, axes=POSITION) for x in (0.0, 2.0))
+    >>> float(there.round(3)), float((away - there).round(3))  # ln 2π, and 2² / 2 more at two bandwidths
+    (1.838, 2.0)
     """
     if not (bandwidth_m > 0 and bandwidth_rad > 0):
         raise ValueError(f"bandwidths must be positive, got {bandwidth_m} m and {bandwidth_rad} rad")

@@ -149,6 +149,11 @@ def global_localization(
         protocol: how many frames running.
         horizon: last frame at which a run may converge; by default the drive's end.
         length: frames of each drive that count, where they differ: all of it, or those before a kidnap.
+
+    >>> inside = np.array([[False, False, True, True, True, False], [False] * 6])  # two runs of six frames
+    >>> found = global_localization(inside, LocalizationProtocol(position=0.5, heading_deg=10.0, frames=2))
+    >>> found.share.rate, found.median_frames, found.tracking  # one run, from frame 2 on, for 3 of the 4 left
+    (0.5, 2.0, 0.75)
     """
     inside = _until(inside, length)
     at = converged_at(inside, protocol.frames, horizon=horizon)
@@ -171,6 +176,11 @@ def recovery_after(
         protocol: how many frames running.
         horizon: a run recovers within so many frames, or it has not.
         length: frames of each drive that count, where they differ: all of it, or those before the next kidnap.
+
+    >>> inside = np.array([[True, True, False, False, True, True]])  # kidnapped at frame 2
+    >>> found = recovery_after(inside, np.array([2]), LocalizationProtocol(position=0.5, heading_deg=10.0, frames=2))
+    >>> found.share.count, found.median_frames
+    (1, 2.0)
     """
     inside = _until(inside, length)
     at = converged_at(inside, protocol.frames, start=kidnapped_at, horizon=horizon)

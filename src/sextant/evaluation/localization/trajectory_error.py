@@ -82,6 +82,11 @@ def absolute_errors(
 
     Raises:
         ValueError: shapes differ, or positions lie too much in a line to be aligned.
+
+    >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    >>> shifted = truth + [0.5, 0.0, 0.0]
+    >>> absolute_errors(truth, shifted), absolute_errors(truth, shifted, alignment="rigid").round(6)
+    (array([0.5, 0.5, 0.5]), array([0., 0., 0.]))
     """
     truth, guess = _matrices(reference, estimate)
     if alignment != "none":
@@ -115,6 +120,10 @@ def relative_errors(
 
     Raises:
         ValueError: shapes differ, or the distance is not positive or no whole number of frames.
+
+    >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    >>> relative_errors(truth, truth * [1.1, 1.0, 1.0] + [5.0, 0.0, 0.0]).round(6)  # 10 % too long; the start is free
+    array([0.1, 0.1])
     """
     truth, guess = _matrices(reference, estimate)
     if not 0 < delta < np.inf or (unit == "frames" and delta != int(delta)):

@@ -50,6 +50,15 @@ class BeamModel:
 
     Raises:
         ValueError: a weight is negative, those of hits and random beams or another number are not positive.
+
+    Example:
+        >>> import torch
+        >>> grid = OccupancyGrid(np.array([[0, 0, 0, 0, 1]], np.uint8), 0.5, (0.0, -0.25))  # a wall from x = 2 to 2.5 m
+        >>> model = BeamModel(grid, LaserScanner(beams=1, max_range_m=10.0))
+        >>> poses = torch.tensor([[[0.25, 0.0, 0.0], [1.25, 0.0, 0.0]]]).double()
+        >>> seen = model.observe(torch.tensor([[2.0]]).double(), poses[0])  # two metres ahead
+        >>> seen.log_likelihood(poses).argmax().item()  # so it is at the first pose
+        0
     """
 
     grid: OccupancyGrid

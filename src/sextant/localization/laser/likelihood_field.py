@@ -48,6 +48,15 @@ class LikelihoodField:
 
     Raises:
         ValueError: a number is not positive (``z_hit`` may be 0), or ``unknown`` is neither.
+
+    Example:
+        >>> import torch
+        >>> grid = OccupancyGrid(np.array([[0, 0, 0, 0, 1]], np.uint8), 0.5, (0.0, -0.25))  # a wall from x = 2 to 2.5 m
+        >>> model = LikelihoodField(grid, LaserScanner(beams=1, max_range_m=10.0))
+        >>> poses = torch.tensor([[[0.25, 0.0, 0.0], [1.25, 0.0, 0.0]]]).double()
+        >>> seen = model.observe(torch.tensor([[2.0]]).double(), poses[0])  # two metres ahead
+        >>> seen.log_likelihood(poses).argmax().item()  # so it is at the first pose
+        0
     """
 
     grid: OccupancyGrid

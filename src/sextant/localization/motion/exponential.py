@@ -30,6 +30,14 @@ class ExponentialMotion(MotionModel):
 
     Raises:
         UserError: one of them is not three finite numbers of at least 0.
+
+    Example:
+        >>> import torch
+        >>> model = ExponentialMotion(per_step=(0.0, 0.0, 0.0), per_metre=(0.04, 0.0, 0.0))
+        >>> poses, metre = torch.zeros(1, 1000, 3).double(), torch.tensor([[1.0, 0.0, 0.0]]).double()
+        >>> moved = model.sample(poses, metre, torch.Generator().manual_seed(0))
+        >>> round(moved[0, :, 0].std().item(), 2)  # along, after one metre: sqrt(0.04)
+        0.2
     """
 
     per_step: tuple[float, float, float] = (0.025, 0.01, 0.015)

@@ -12,7 +12,13 @@ from sextant.localization.motion.model import MotionModel
 
 @dataclass(frozen=True)
 class IdentityMotion(MotionModel):
-    """:math:`x_t = x_{t-1}`, whatever odometry says, known or not: no noise, so particles never spread."""
+    """:math:`x_t = x_{t-1}`, whatever odometry says, known or not: no noise, so particles never spread.
+
+    Example:
+        >>> poses, metre = torch.ones(1, 1, 3).double(), torch.tensor([[1.0, 0.0, 0.0]]).double()
+        >>> IdentityMotion().sample(poses, metre, torch.Generator())
+        tensor([[[1., 1., 1.]]], dtype=torch.float64)
+    """
 
     def if_unknown(self) -> Sequence[float]:
         """No motion."""

@@ -34,6 +34,11 @@ class OdometryMotion(MotionModel):
 
     Raises:
         UserError: an argument is negative or not finite, or there are not as many as there should be.
+
+    Example:
+        >>> exact, motion = OdometryMotion(alphas=(0.0, 0.0, 0.0, 0.0)), torch.tensor([[-1.0, 0.0, 0.0]]).double()
+        >>> exact.sample(torch.zeros(1, 1, 3).double(), motion, torch.Generator())  # a metre backwards
+        tensor([[[-1.,  0.,  0.]]], dtype=torch.float64)
     """
 
     alphas: tuple[float, float, float, float] = (0.2, 0.2, 0.2, 0.2)

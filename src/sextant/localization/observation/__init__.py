@@ -14,6 +14,9 @@ def observation_model(name: str) -> type[ObservationModel]:
 
     Raises:
         ValueError: there is none.
+
+    >>> observation_model("LocalGP").__module__
+    'sextant.localization.observation.local_gp'
     """
     module = f"{__name__}.{re.sub('(?<=[a-z])(?=[A-Z])', '_', name).lower()}"
     there = re.fullmatch("[A-Z][A-Za-z]*", name) and find_spec(module) is not None

@@ -11,7 +11,13 @@ from sextant.localization.resampling.resampling import Resampling, at_quantiles
 
 @dataclass(frozen=True)
 class MultinomialResampling(Resampling):
-    """Each ancestor is drawn by itself: the bootstrap filter of Gordon, Salmond & Smith (IEE-F 1993)."""
+    """Each ancestor is drawn by itself: the bootstrap filter of Gordon, Salmond & Smith (IEE-F 1993).
+
+    Example:
+        >>> log_weights = torch.tensor([[0.5, 0.25, 0.25]]).double().log()
+        >>> MultinomialResampling().resample(log_weights, 4, torch.Generator().manual_seed(0))  # not in proportion
+        tensor([[2, 1, 0, 2]])
+    """
 
     def ancestors(
         self,

@@ -14,6 +14,11 @@ class ResidualResampling(Resampling):
     r""":math:`\lfloor n W_i \rfloor` copies of each particle; the others by what is left of :math:`n W_i`.
 
     Source: Liu & Chen, "Sequential Monte Carlo Methods for Dynamic Systems", JASA 1998.
+
+    Example:
+        >>> log_weights = torch.tensor([[0.5, 0.25, 0.25]]).double().log()
+        >>> ResidualResampling().resample(log_weights, 4, torch.Generator())  # n W is whole: nothing is left to chance
+        tensor([[0, 0, 1, 2]])
     """
 
     def ancestors(

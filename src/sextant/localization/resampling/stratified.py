@@ -14,6 +14,11 @@ class StratifiedResampling(Resampling):
     r"""Particles at the quantiles :math:`(k + u_k)/n`, :math:`u_k \sim U[0, 1)`.
 
     The variance is never more than that of independent draws.
+
+    Example:
+        >>> log_weights = torch.tensor([[0.5, 0.25, 0.25]]).double().log()
+        >>> StratifiedResampling().resample(log_weights, 4, torch.Generator())  # one in each quarter of the weight
+        tensor([[0, 0, 1, 2]])
     """
 
     def ancestors(

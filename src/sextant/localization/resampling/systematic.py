@@ -15,6 +15,11 @@ class SystematicResampling(Resampling):
 
     Each particle descends :math:`\lfloor n W_i \rfloor` or :math:`\lceil n W_i \rceil` times: in practice the least
     variance, though what one particle gets depends on the others' order.
+
+    Example:
+        >>> log_weights = torch.tensor([[0.6, 0.3, 0.1]]).double().log()
+        >>> SystematicResampling().resample(log_weights, 10, torch.Generator().manual_seed(0))  # 6, 3 and 1
+        tensor([[0, 0, 0, 0, 0, 0, 1, 1, 1, 2]])
     """
 
     def ancestors(

@@ -24,6 +24,11 @@ def thin(
         log_weights: need not be normalised; a run may have none above zero, and then none survives.
         keep: K of each run, at least 1; if no more particles than that have a weight above zero, all of them survive.
         generator: of random numbers.
+
+    >>> weights = torch.tensor([[0.7, 0.1, 0.1, 0.1]], dtype=torch.float64)
+    >>> survives, log_weights = thin(weights.log(), torch.tensor([2]), torch.Generator().manual_seed(0))
+    >>> log_weights.exp()  # the heavy one stays as it is; one of the light ones speaks for all three
+    tensor([[0.7000, 0.3000, 0.0000, 0.0000]], dtype=torch.float64)
     """
     best = log_weights.amax(1, keepdim=True)
     best = torch.where(best.isfinite(), best, 0.0)

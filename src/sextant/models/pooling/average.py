@@ -11,6 +11,11 @@ class Average(Pooling):
 
     Args:
         channels, size: of the map; any size is taken.
+
+    Example:
+        >>> import torch
+        >>> Average(channels=1, size=(2, 2))(torch.tensor([[[[0.0, 1.0], [2.0, 3.0]]]]))
+        tensor([[1.5000]])
     """
 
     def __init__(self, channels: int, size: tuple[int, int]):

@@ -54,6 +54,12 @@ class FeatureMixer(Pooling):
 
     Raises:
         UserError: a number is below 1, or the ratio leaves no hidden unit.
+
+    Example:
+        >>> import torch
+        >>> descriptor = FeatureMixer(channels=8, size=(4, 6), out_channels=16, out_rows=4)(torch.rand(2, 8, 4, 6))
+        >>> descriptor.shape, torch.allclose(descriptor.norm(dim=1), torch.ones(2))
+        (torch.Size([2, 64]), True)
     """
 
     def __init__(

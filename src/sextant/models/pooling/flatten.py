@@ -20,6 +20,11 @@ class Flatten(Pooling):
 
     Raises:
         ValueError: the grid is empty or larger than the map.
+
+    Example:
+        >>> import torch
+        >>> Flatten(channels=1, size=(2, 4), grid=(1, 2))(torch.arange(8.0).reshape(1, 1, 2, 4))  # means of the halves
+        tensor([[2.5000, 4.5000]])
     """
 
     def __init__(self, channels: int, size: tuple[int, int], *, grid: tuple[int, int] | None = None):

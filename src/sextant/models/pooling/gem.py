@@ -35,6 +35,10 @@ class GeM(Pooling):
 
     Raises:
         UserError: p is out of its range.
+
+    Example:
+        >>> GeM(channels=1, size=(1, 2), p=2.0)(torch.tensor([[[[1.0, 7.0]]]])).item()  # sqrt((1 + 49) / 2)
+        5.0
     """
 
     p: Tensor

@@ -41,6 +41,13 @@ class NetVLAD(Pooling):
 
     Raises:
         UserError: there are fewer than two clusters.
+
+    Example:
+        >>> pooling, features = NetVLAD(channels=8, size=(4, 6), clusters=4), torch.rand(2, 8, 4, 6)
+        >>> pooling(features).shape
+        torch.Size([2, 32])
+        >>> torch.allclose(pooling(features), pooling(features.flip(3)), atol=1e-6)  # it does not matter where
+        True
     """
 
     def __init__(self, channels: int, size: tuple[int, int], *, clusters: int = 16):
