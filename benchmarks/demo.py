@@ -18,7 +18,7 @@ from urllib.request import Request, urlopen
 from PIL import Image
 
 from benchmarks.machine import describe_machine
-from sextant.demo.answers import sample_photo
+from sextant.pages.demo.answers import sample_photo
 
 BOUNDARY = "0123456789abcdef"
 AGAIN = 5

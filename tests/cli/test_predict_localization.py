@@ -12,13 +12,12 @@ from tiny_office import office_run
 
 from sextant import Localizer
 from sextant.applications.localization import written_poses
-from sextant.applications.localization.written_poses import Replay
+from sextant.applications.localization.written_poses import Moment, Replay, Row
 from sextant.cli import predict, work_progress
 from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.pose_formats import read_tum, write_tum
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
-from sextant.localization.belief import Belief
 
 
 @pytest.fixture(scope="session")
@@ -188,13 +187,11 @@ def test_a_moved_map_alone_one_particle_and_a_replay(office, photos, tmp_path):
 
 
 def test_a_replay_of_a_long_run_keeps_few_frames_evenly(monkeypatch):
-    import torch
-
     monkeypatch.setattr(written_poses, "MOST_FRAMES", 8)
-    replay, belief = Replay(), Belief.uniform(torch.zeros(1, 2, 3, dtype=torch.float64))
+    replay, row = Replay(), Row("0.png", None)
     for step in range(100):
-        replay.add(step, belief)
-    steps = [frame[0] for frame in replay.kept]
+        replay.add(Moment(step, row, np.zeros((2, 3), np.float32), np.zeros(2, np.float32)))
+    steps = [moment.step for moment in replay.kept]
     assert len(steps) <= 8
     assert steps == list(range(0, 100, replay.stride))
 

@@ -3,17 +3,21 @@
 import gc
 import itertools
 import tracemalloc
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from PIL import Image
+from scipy.stats import chi2
 
 from sextant.errors import UserError
 from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
 from sextant.figures.localization.particle_map import ESTIMATE, TRUTH, ParticleFrame, particle_map
 from sextant.figures.localization.particle_replay import _Gif, particle_replay
+from sextant.figures.localization.particle_view import ParticleView
 from sextant.figures.localization.success_curves import SuccessCurve, success_curves
 from sextant.figures.localization.trajectory_errors import RunErrors, trajectory_errors
 
@@ -53,6 +57,51 @@ def test_truth_and_estimate_point_along_their_headings():
     arrow = axes.texts[1]
     ahead = np.array(arrow.xy) - frame.estimate[:2]
     assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.3)
+
+
+def test_particles_have_strokes_along_their_headings_the_heaviest_alone(monkeypatch):
+    monkeypatch.setattr("sextant.figures.localization.particle_map.MOST_HEADINGS", 2)
+    frame = ParticleFrame(np.array([[1.0, 2, 0.5], [3, 4, -1], [5, 6, 2]]), np.array([0.0, -2.0, -900.0]))
+    (axes,) = particle_map(MAP, frame).axes
+    (strokes,) = [each for each in axes.collections if isinstance(each, LineCollection)]
+    starts, ends = np.array(strokes.get_segments()).transpose(1, 0, 2)
+    np.testing.assert_allclose(starts, [[3, 4], [1, 2]])
+    np.testing.assert_allclose(np.arctan2(*(ends - starts).T[::-1]), [-1, 0.5])
+
+
+def test_the_ellipse_holds_95_per_cent_of_the_estimate():
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    covariance = turn @ np.diag([2.0, 0.1]) @ turn.T
+    (axes,) = particle_map(MAP, replace(moment(), covariance=covariance)).axes
+    (ellipse,) = axes.patches
+    assert ellipse.width == pytest.approx(2 * np.sqrt(chi2.ppf(0.95, 2) * 2.0), rel=1e-3)
+    assert ellipse.height == pytest.approx(2 * np.sqrt(chi2.ppf(0.95, 2) * 0.1), rel=1e-3)
+    assert np.radians(ellipse.angle) % np.pi == pytest.approx(0.4)
+    (axes,) = particle_map(MAP, replace(moment(), covariance=covariance, estimate=None)).axes
+    assert not axes.patches  # lost
+
+
+def test_a_view_shows_what_is_seen_and_what_the_map_shows_there():
+    seen = np.zeros((8, 12, 3), np.uint8)
+    seen[..., 0] = 255
+    view = ParticleView(MAP, seen=True)
+    with_both = view.draw(replace(moment(), seen=seen, there=np.full((8, 12, 1), 7, np.uint8)))
+    nothing = view.draw(moment())
+    assert with_both.shape == nothing.shape
+    assert min(nothing.shape[:2]) >= 200
+    red = (with_both == (255, 0, 0)).all(axis=2)
+    assert red.sum() > 5000
+    assert not (nothing == (255, 0, 0)).all(axis=2).any()  # the next moment has none of it left
+    assert red.nonzero()[1].max() < with_both.shape[1] / 2  # left of the map
+
+
+def test_walls_are_drawn_and_inside_the_picture():
+    walls = np.array([[-8.0, 5.0], [28.0, 5.0]])
+    (axes,) = (view := ParticleView(MAP, walls=walls))._figure.axes
+    assert view.draw(moment()).shape[1] == 600
+    low, high = axes.get_xlim()
+    assert low < -8 < 28 < high
+    assert axes.collections[0].get_offsets().tolist() == walls.tolist()
 
 
 def test_a_railway_is_a_map_too(tmp_path):

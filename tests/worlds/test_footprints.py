@@ -43,6 +43,16 @@ def test_buildings_stand_where_the_polygons_are_and_nowhere_else():
     assert not on_roof[shapely.contains_xy(box(142, 42, 158, 58), *points.T)].any()
 
 
+def test_what_does_not_stand_takes_no_ground_from_others():
+    over_the_street, beneath, in_a_garden = box(80, 10, 120, 60), box(110, 20, 118, 30), box(20, 20, 30, 30)
+    outlines = [over_the_street, beneath, in_a_garden, box(19, 19, 40, 40)]
+    found = fit_footprints([Footprint(each) for each in outlines], GROUND)
+    assert found[0] is None
+    assert found[1] is not None
+    assert found[2] is None  # within the larger one, which stands
+    assert found[3].outline.area == pytest.approx(21 * 21, rel=0.01)
+
+
 @pytest.mark.parametrize("shape", [L_SHAPE, COURTYARD])
 def test_a_shaped_building_has_no_holes(shape):
     buildings, shapes = built(Footprint(shape, height_m=12.0))

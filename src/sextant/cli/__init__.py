@@ -15,6 +15,10 @@ VERBS = {
     "predict": ("sextant.cli.predict", "classify images, calibrate photos, find places, or detect an example"),
     "demo": ("sextant.cli.demo", "see in a browser what Sextant does, with photos of your own"),
     "inspect": ("sextant.cli.inspect", "look at your own photos, video or poses: what fits them, with the commands"),
+    "localize": (
+        "sextant.cli.localize",
+        "where the images of a folder, video, ROS bag or camera were taken, also live",
+    ),
     "walk": ("sextant.cli.walk", "localize images of an unknown camera in a map of another season"),
     "benchmark": ("sextant.cli.benchmark", "measure calibration on photos of known cameras, in one table"),
     "sweep": ("sextant.cli.sweep", "status of a sweep that runs elsewhere; attach to it, or cancel it"),

@@ -50,4 +50,4 @@ def main(arguments: Sequence[str]) -> None:
     walk = localize_walk(
         **options.model_dump(exclude={"run"}), calibrator=PhotoCalibrator.load(options.run), progress=work_progress
     )
-    tell_poses(walk.rows, list(walk.remarks), list(walk.files))
+    tell_poses(walk.rows, list(walk.remarks), list(walk.files), interrupted=walk.interrupted)

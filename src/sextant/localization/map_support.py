@@ -144,6 +144,17 @@ class EvidenceOnMap(Evidence):
         return torch.logaddexp(self.evidence.log_likelihood(poses) + share.log(), anywhere + torch.log1p(-share))
 
 
+def images_near(poses: Float64[Tensor, "n 3"]) -> Neighbourhoods:
+    """Finds the images of a map nearest to a pose: half a spacing counts as half of the turn between images at a place.
+
+    >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
+    >>> int(images_near(line).nearest(torch.tensor([[4.2, 0.3, 0.1]], dtype=torch.float64))[0])
+    4
+    """
+    reach = map_spacing(poses) / 2
+    return Neighbourhoods(poses, PoseKernel("rbf", (reach, reach), heading_reach(poses), 1.0, 0.0))
+
+
 def map_spacing(poses: Float64[Tensor, "n 3"]) -> float:
     """How far apart the positions of a map are that lie side by side: the median over images of the widest gap.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import PlaceRecognitionTask
-from sextant.config.schema.classification.corruptions import BenchmarkSuite, CorruptionSuite
+from sextant.config.schema.classification.corruptions import CorruptionSuite, PerturbationSuite, StoredSuite
 from sextant.data.source import MissingDataError
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset, build_training
@@ -246,7 +246,7 @@ def _corrupts(config: Config) -> bool:
     suite = config.corruption
     if isinstance(suite, CorruptionSuite):
         return bool(suite.corruptions)
-    if not isinstance(suite, BenchmarkSuite):
+    if isinstance(suite, StoredSuite | PerturbationSuite):
         raise UserError(
             "corruption: task=place_recognition corrupts queries one by one, and has no use for files or sequences",
             "corruption=cifar10_c for small images, corruption=imagenet_c, or corruption=none",

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from sextant.applications.kept_descriptor import KeptDescriptor, kept_baseline, kept_network
 from sextant.applications.localization.localizer import Localizer
+from sextant.applications.localization.map_pictures import map_pictures
 from sextant.config import Config
 from sextant.errors import UserError
 from sextant.recipes.descriptors import BaselineDescriber
@@ -53,6 +54,7 @@ def run_localizer(
         image_size=None if drive.images is None else tuple(drive.images.shape[1:]),  # type: ignore[arg-type]
         unit=data.drives.unit,
         particles=settings.particle_counts[-1],
+        pictures=None if drive.images is None or len(model.map) != len(drive) else map_pictures(drive.images),
         facts={
             "dataset": data.source.name,
             "fingerprint": data.source.fingerprint(),

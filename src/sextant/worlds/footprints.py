@@ -39,7 +39,7 @@ class Footprint:
 
 
 def fit_footprints(footprints: Sequence[Footprint], ground: Ground) -> list[Footprint | None]:
-    """Each footprint cut back to the edge of the pavements and to larger footprints that it overlaps.
+    """Each footprint cut back to the edge of the pavements and to larger ones that it overlaps and that stand.
 
     Returns:
         None for those of which less than half, or less than 12 m², is left.
@@ -48,18 +48,18 @@ def fit_footprints(footprints: Sequence[Footprint], ground: Ground) -> list[Foot
     shapely.prepare(free)
     outlines = np.array([shapely.make_valid(each.outline) for each in footprints], object)
     areas = shapely.area(outlines)
-    near = shapely.STRtree(outlines)
-    for i in np.argsort(areas, kind="stable").tolist():
+    near, stand = shapely.STRtree(outlines), np.zeros(len(outlines), bool)
+    found: list[Footprint | None] = [None] * len(outlines)
+    for i in np.argsort(-areas, kind="stable").tolist():
         shape = outlines[i] if free.contains(outlines[i]) else shapely.intersection(outlines[i], free)
-        larger = [j for j in near.query(outlines[i], predicate="intersects").tolist() if (areas[j], j) > (areas[i], i)]
-        shape = shapely.difference(shape, shapely.union_all(outlines[larger])) if larger else shape
+        others = near.query(outlines[i], predicate="intersects")
+        if stand[others].any():
+            shape = shapely.difference(shape, shapely.union_all(outlines[others[stand[others]]]))
         pieces = [piece for piece in shapely.get_parts(shape).tolist() if isinstance(piece, Polygon)]
         outlines[i] = shapely.simplify(max(pieces, key=lambda piece: piece.area, default=Polygon()), 0.1)
-    fits = shapely.area(outlines) >= np.maximum(LEAST_M2, LEAST_SHARE * areas)
-    return [
-        replace(each, outline=outline) if fit else None
-        for each, outline, fit in zip(footprints, outlines, fits, strict=True)
-    ]
+        if outlines[i].area >= max(LEAST_M2, LEAST_SHARE * areas[i]):
+            stand[i], found[i] = True, replace(footprints[i], outline=outlines[i])
+    return found
 
 
 def houses_on(

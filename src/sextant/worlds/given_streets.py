@@ -48,13 +48,16 @@ def given_streets(
         >>> len(crossing.edges), crossing.length_m
         (4, 360.0)
     """
-    if not lines or not all(np.isfinite(line).all() for line in lines):
-        raise UserError(f"streets need at least one line of finite coordinates, got {len(lines)} lines")
+    if not lines or not all(np.ndim(line) == 2 and len(line) > 1 and np.isfinite(line).all() for line in lines):
+        raise UserError(f"streets need at least one line of two points or more, all finite; got {len(lines)} lines")
+    if widths is not None and len(widths) != len(lines):
+        raise UserError(f"{len(widths)} widths are given for {len(lines)} streets")
+    streets = f"{len(lines)} street{'' if len(lines) == 1 else 's'}"
     drawn = [LineString(line) for line in lines]
     extent = float(np.ptp(np.concatenate(lines), axis=0).max())
     if not SMALLEST_M <= extent <= MAX_SIZE_M:
         raise UserError(
-            f"{len(lines)} streets over {extent:,.1f} m make no town: it must be {SMALLEST_M:g} m to "
+            f"{streets} over {extent:,.1f} m can be no town: it must be {SMALLEST_M:g} m to "
             f"{MAX_SIZE_M / 1000:g} km wide"
         )
     town = _graph(_chains(drawn))
@@ -62,7 +65,7 @@ def given_streets(
         repair(town, most=REPAIRS + town.number_of_edges())
         prune(town)
     if town.number_of_edges() == 0:
-        raise UserError(f"{len(lines)} streets over {extent:,.1f} m leave no street of {MIN_EDGE_M:g} m")
+        raise UserError(f"{streets} over {extent:,.1f} m leave no street of {MIN_EDGE_M:g} m")
     number = {node: i for i, node in enumerate(sorted(town))}
     nodes = np.array([town.nodes[node]["at"] for node in number])
     edges = np.array(sorted(sorted((number[a], number[b])) for a, b in town.edges), np.int64)

@@ -11,8 +11,8 @@ from PIL import Image
 from sextant.applications import PhotoCalibrator
 from sextant.applications.demonstration.photo import _quantities, photo_answer
 from sextant.applications.demonstration.pictures import LONGEST, data_address, page_picture
-from sextant.demo.answers import sample_photo
 from sextant.errors import UserError
+from sextant.pages.demo.answers import sample_photo
 
 
 def picture_of(address):

@@ -1,13 +1,18 @@
 """Queries in corrupted images beside the clean ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from sextant.corruptions import BenchmarkSuite
-from sextant.data.places import ImageRows, PlaceImages
+from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
 from sextant.data.places.augmentation import PlaceAugmentation
 from sextant.data.places.corrupted import CorruptedQueries
+from sextant.errors import UserError
+from sextant.tasks.places.condition_pairs import condition_pairs
+from sextant.tasks.places.module import mean_recall
 
 SUITE = BenchmarkSuite("cifar10_c", ["gaussian_noise", "fog", "contrast"], [1, 5])
 
@@ -55,6 +60,59 @@ def test_a_drive_is_there_once_more_under_every_condition_in_turn():
         assert np.array_equal(
             found.images[corrupted[number]], (expected[0] * 255).round().permute(1, 2, 0).byte().numpy()
         )
+
+
+class Stopping(Drives):
+    """A drive that stands still for three frames, of which one is in a tunnel."""
+
+    def read(self, split):
+        clean = super().read(split)
+        images = clean.images[:]
+        drive = clean.rows_of("rain")
+        images[drive[3]] = images[drive[4]] = images[drive[2]]
+        images[drive[6]] = 128
+        return replace(clean, images=ImageRows(images))
+
+
+def test_copies_are_flat_and_still_where_the_originals_are():
+    clean, found = Stopping().read("test"), CorruptedQueries(Stopping(), SUITE).read("test")
+    drive, copy = found.rows_of("rain"), found.rows_of("rain_corrupted")
+    for name in ("flat", "still"):
+        assert np.array_equal(getattr(found, name)[:14], getattr(clean, name))
+        assert np.array_equal(getattr(found, name)[copy], getattr(found, name)[drive])
+        assert getattr(found, name)[copy].any()
+    assert np.array_equal(found.select(copy).still, found.still[copy])
+
+
+def test_an_image_is_not_matched_with_its_own_copy_and_means_are_of_originals():
+    found = CorruptedQueries(Drives(), SUITE).read("test")
+    assert found.originals == ("map", "rain")
+    rng = np.random.default_rng(0)
+    clean = rng.standard_normal((14, 8)).astype(np.float32)
+    descriptors = np.vstack([clean, clean[found.rows_of("rain")][::-1]])  # copies are like their originals
+    tolerance = PlaceTolerance("m", 0.5, 2.0)
+    pairs = condition_pairs(descriptors, found, tolerance)
+    assert pairs.conditions == ("map", "rain")
+    alone = condition_pairs(clean, Drives().read("test"), tolerance)
+    assert pairs.across == alone.across
+    assert mean_recall(descriptors, found, tolerance) == mean_recall(clean, Drives().read("test"), tolerance)
+
+
+def test_images_are_corrupted_once(monkeypatch):
+    source, times = CorruptedQueries(Drives(), SUITE), []
+    real = CorruptedQueries._corrupted
+    monkeypatch.setattr(CorruptedQueries, "_corrupted", lambda self, *given: times.append(1) or real(self, *given))
+    assert source.read("test") is source.read("test")
+    assert len(times) == 1
+
+
+def test_a_condition_of_the_same_name_is_refused():
+    class Taken(Drives):
+        def conditions(self, split):
+            return ("map", "rain", "rain_corrupted")
+
+    with pytest.raises(UserError, match="has a condition rain_corrupted of its own"):
+        CorruptedQueries(Taken(), SUITE).conditions("test")
 
 
 @pytest.mark.parametrize("split", ["train", "val"])

@@ -13,7 +13,7 @@ def degrees(points, middle=MIDDLE):
     x, y = np.asarray(points, float).T
     per_degree = np.pi / 180 * 6_371_000
     longitude = middle[0] + x / (per_degree * np.cos(np.radians(middle[1])))
-    return np.column_stack([longitude, middle[1] + y / per_degree]).tolist()
+    return np.column_stack([(longitude + 180) % 360 - 180, middle[1] + y / per_degree]).tolist()
 
 
 def feature(kind, coordinates, **tags):

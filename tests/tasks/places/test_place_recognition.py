@@ -169,7 +169,7 @@ def test_runs_repeat_bit_for_bit(folder, tmp_path):
     ("overrides", "said"),
     [
         (["loss=bearing"], "is not one of task=place_recognition"),
-        (["corruption=gaussian"], "corruption=none"),
+        (["corruption=cifar10_p"], "corruption=none"),
         (["task.tolerance.m.negative=1"], "positive=3 must be below negative=1"),
         (["task.train_conditions=[day]", "task.test_conditions=[night]"], "nothing to learn from"),
     ],

@@ -1,13 +1,14 @@
 """From a drive to where each of its images was taken, and the files that say so."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from sextant.applications.localization.localizer import Localizer
-from sextant.applications.localization.written_poses import Replay, Row, draw_trajectory, write_poses
+from sextant.applications.localization.written_poses import Moment, Replay, Row, draw_trajectory, write_poses
 from sextant.applications.write_errors import telling_write_errors
 from sextant.data.localization.frames import Frame
 from sextant.data.localization.own_drive import OwnDrive
@@ -20,6 +21,21 @@ from sextant.reporter import SILENT, Progress
 ReplayKind = Literal["mp4", "gif", "none"]
 
 
+@dataclass(frozen=True, eq=False)
+class LocalizedDrive:
+    """What was found.
+
+    Attributes:
+        rows: where each image was taken.
+        files: that were written.
+        interrupted: Ctrl-C came before the last image; of those before it everything was written.
+    """
+
+    rows: list[Row]
+    files: list[Path]
+    interrupted: bool
+
+
 def localize_drive(
     localizer: Localizer,
     drive: OwnDrive,
@@ -29,8 +45,11 @@ def localize_drive(
     replay: ReplayKind = "mp4",
     smooth: bool = False,
     progress: Progress = SILENT.progress,
-) -> tuple[list[Row], list[Path]]:
+    watch: Callable[[Moment], None] | None = None,
+) -> LocalizedDrive:
     """Localize the images of a drive one after the other, and write where each was taken.
+
+    Ctrl-C ends the drive there: what was localized until then is written.
 
     Args:
         localizer: in the map; what it believed is taken as the start.
@@ -41,48 +60,58 @@ def localize_drive(
         replay: write an animation of the particles.
         smooth: write ``smoothed.tum`` too; the localizer's ``lag`` must be the length of the drive.
         progress: shows how far the work is.
-
-    Returns:
-        The poses, and the files.
+        watch: called with each step, as it is.
 
     Raises:
         UserError: not one image can be used, or the disk is full.
+        KeyboardInterrupt: before the first image was localized.
     """
-    rows, particles = list[Row](), Replay()
-    with progress("localizing", "images") as advance:
-        for step, (frame, motion) in enumerate(zip(frames, drive.motions, strict=True)):
-            rows.append(Row(frame.name, localizer.step(motion, frame.image), frame.problem))
-            if replay != "none":
-                particles.add(step, localizer.belief)
-            advance(step + 1, len(drive.frames))
+    rows, moments, interrupted = list[Row](), Replay(), False
+    try:
+        with progress("localizing", "images") as advance:
+            for step, (frame, motion) in enumerate(drive.with_motions(frames)):
+                row = Row(frame.name, localizer.step(motion, frame.image), frame.problem)
+                rows.append(row)
+                if watch is not None or replay != "none":
+                    moment = Moment.of(step, row, localizer, frame.image)
+                    moments.add(moment)
+                    if watch is not None:
+                        watch(moment)
+                advance(step + 1, len(drive) or step + 1)
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+        interrupted = not drive.endless
+        if interrupted:
+            drive.remarks.append(f"interrupted after {len(rows):,} of {len(drive):,} images")
     if all(row.problem for row in rows):
         raise nothing_usable(f"none of {len(rows):,} images can be used", {row.name: row.problem for row in rows})
-    positions = localizer.model.map.poses[:, :2].numpy()
+    positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
     with telling_write_errors(output):
-        write_poses(rows, drive.times_s, output)
+        write_poses(rows, times, output)
         draw_trajectory(rows, positions, output, localizer.unit)
         written = [output / name for name in ("poses.csv", "trajectory.tum", "trajectory.png")]
         if smooth:
             written.append(output / "smoothed.tum")
             with progress("smoothing", "images") as advance:
-                write_tum(written[-1], drive.times_s, np.stack([told.pose for told in localizer.past(advance)]))
+                write_tum(written[-1], times, np.stack([told.pose for told in localizer.past(advance)]))
         if replay != "none":
             with progress("drawing the replay", "frames"):
-                written.append(_animated(particles, rows, positions, output, replay, localizer.unit, drive.remarks))
-    return rows, written
+                written.append(_animated(moments, positions, output, replay, localizer.unit, drive.remarks))
+    return LocalizedDrive(rows, written, interrupted)
 
 
 def _animated(
-    particles: Replay, rows: list[Row], positions: np.ndarray, output: Path, kind: ReplayKind,
-    unit: Literal["m", "frames"], remarks: list[str],
+    moments: Replay, positions: np.ndarray, output: Path, kind: ReplayKind, unit: Literal["m", "frames"],
+    remarks: list[str],
 ) -> Path:  # fmt: skip
     path = output / f"replay.{kind}"
     try:
-        particles.write(rows, positions, path, unit)
+        moments.write(positions, path, unit)
     except UserError as error:
         if kind == "gif":
             raise
         remarks.append(f"{error.problem}: a GIF was written")
         path = path.with_suffix(".gif")
-        particles.write(rows, positions, path, unit)
+        moments.write(positions, path, unit)
     return path

@@ -11,6 +11,7 @@ The map may also be made of arrays, with :meth:`Localizer.from_images`, and save
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -28,6 +29,7 @@ from sextant.applications.localization.localizer_folder import (
     open_localizer,
     save_localizer,
 )
+from sextant.applications.localization.map_pictures import map_pictures
 from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
@@ -37,10 +39,11 @@ from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
-from sextant.localization.map_support import map_spacing
+from sextant.localization.map_support import images_near, map_spacing
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
@@ -106,6 +109,7 @@ class Localizer:
         start: where they are before the first image.
         seed: of all random numbers.
         facts: what else is kept with the map, as plain values.
+        pictures: of the map's images, small, to be looked at; None for none.
         lag: steps that :meth:`past` smooths.
 
     Raises:
@@ -127,6 +131,7 @@ class Localizer:
         start: Start = "uniform",
         seed: int = 0,
         facts: dict[str, Any] | None = None,
+        pictures: UInt8[ndarray, "n h w c"] | None = None,
         lag: int = 0,
     ):
         if lag < 0:
@@ -138,7 +143,7 @@ class Localizer:
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
         self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
-        self.lag = lag
+        self.lag, self.pictures = lag, pictures
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
         self._spacing = map_spacing(filter.prior.poses)
         self.reset()
@@ -227,6 +232,18 @@ class Localizer:
         if self._state is None:
             raise UserError("nothing is believed before the first step", "Call step(motion, image) first.")
         return self._state.belief
+
+    def picture_near(self, pose: Float64[ndarray, "3"]) -> UInt8[ndarray, "h w c"] | None:
+        """The small picture of the map's image nearest to a pose; None for a map without pictures."""
+        if self.pictures is None:
+            return None
+        return np.asarray(
+            self.pictures[int(self._near.nearest(torch.from_numpy(np.asarray(pose, np.float64))[None])[0])]
+        )
+
+    @cached_property
+    def _near(self) -> Neighbourhoods:
+        return images_near(self.model.map.poses)
 
     def describe(self, image: AnyImage) -> Float32[ndarray, " d"]:
         """The descriptor of an image, before whitening.
@@ -388,6 +405,7 @@ class Localizer:
             adapts=likelihood is None,
             descriptor=kept,
             image_size=images.shape[1:],
+            pictures=map_pictures(images) if len(found) == len(images) else None,  # else some images were merged
             particles=particles,
             start=start,
             seed=seed,

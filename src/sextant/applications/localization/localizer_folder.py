@@ -22,6 +22,7 @@ from sextant.applications.kept_descriptor import (
 )
 from sextant.applications.localization.found_map import MAP, find_map
 from sextant.applications.localization.kept_filter import filter_of, filter_values, usual_filter, usual_radius
+from sextant.applications.localization.map_pictures import load_pictures, save_pictures
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.likelihood import Likelihood
@@ -33,7 +34,7 @@ from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
 
-DESCRIPTOR = "descriptor"
+DESCRIPTOR, PICTURES = "descriptor", "pictures"
 #: images described at a time, by a baseline and by a network
 BATCH, NETWORK_BATCH = 512, 64
 #: what describes images where nothing is named, and the shorter side in pixels from which they show it enough
@@ -53,12 +54,14 @@ class Saveable(Protocol):
     image_size: tuple[int, int, int] | None
     descriptor: KeptDescriptor
     facts: dict[str, Any]
+    pictures: UInt8[ndarray, "n h w c"] | None
 
 
 def save_localizer(localizer: Saveable, folder: Path) -> None:
-    """Write the descriptor and then the map, whose header is last of all."""
+    """Write the descriptor, the pictures and then the map, whose header is last of all."""
     (folder / HEADER).unlink(missing_ok=True)
     localizer.descriptor.save(folder / DESCRIPTOR)
+    save_pictures(localizer.pictures, folder / PICTURES)
     settings = {
         "filter": filter_values(localizer.filter),
         "radius": localizer.radius,
@@ -123,6 +126,7 @@ def open_localizer(
             "particles": int(settings["particles"]),
             "adapts": settings.get("adapts", False) is True,  # maps of before do not
             "facts": saved.facts.get("about", {}),
+            "pictures": load_pictures(folder / PICTURES, len(saved.model.map), verify=verify),
         }
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(

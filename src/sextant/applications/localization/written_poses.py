@@ -3,15 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
-from sextant.applications.localization.localizer import LocalizedPose
+from sextant.applications.localization.localizer import LocalizedPose, Localizer
+from sextant.applications.localization.map_pictures import thumbnail
 from sextant.atomic_files import write_csv
 from sextant.data.localization.pose_formats import write_tum
-from sextant.localization.belief import Belief
+
+if TYPE_CHECKING:
+    from sextant.figures.localization.particle_map import ParticleFrame
 
 COLUMNS = (
     "file", "x", "y", "heading_deg", "sigma_x", "sigma_y", "sigma_heading_deg", "mass", "modes", "lost", "error",
@@ -30,43 +34,80 @@ class Row:
     problem: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """A step as it is drawn.
+
+    Attributes:
+        step: its number.
+        row: what was told.
+        poses, log_weights: of the particles.
+        seen: the image, small; None if there was none.
+        there: the map's image nearest to the estimate, small; None while lost, or if the map has no pictures.
+    """
+
+    step: int
+    row: Row
+    poses: Float32[ndarray, "p 3"]
+    log_weights: Float32[ndarray, " p"]
+    seen: UInt8[ndarray, "h w c"] | None = None
+    there: UInt8[ndarray, "h w c"] | None = None
+
+    @classmethod
+    def of(cls, step: int, row: Row, localizer: Localizer, seen: UInt8[ndarray, "h w c"] | None) -> Self:
+        """What a localizer believes after a step."""
+        belief, told = localizer.belief, row.told
+        return cls(
+            step,
+            row,
+            belief.poses[0].numpy().astype(np.float32),
+            belief.log_weights[0].numpy().astype(np.float32),
+            None if seen is None else thumbnail(seen),
+            None if told.lost else localizer.picture_near(told.pose),
+        )
+
+    def drawn(self) -> "ParticleFrame":
+        """For :mod:`sextant.figures.localization`."""
+        from sextant.figures.localization.particle_map import ParticleFrame
+
+        told, problem = self.row.told, self.row.problem
+        return ParticleFrame(
+            self.poses.astype(np.float64),
+            np.maximum(self.log_weights.astype(np.float64), -1e6),
+            None if told.lost else told.pose,
+            title=f"{self.row.name}{', lost' if told.lost else ''}{f', {problem}' if problem else ''}",
+            covariance=told.covariance[:2, :2],
+            seen=self.seen,
+            there=self.there,
+        )
+
+
 @dataclass
 class Replay:
-    """Particles of at most so many steps, evenly taken, however long the run is."""
+    """At most so many steps, evenly taken, however long the run is."""
 
-    kept: list[tuple[int, ndarray, ndarray]] = field(default_factory=list)
+    kept: list[Moment] = field(default_factory=list)
     stride: int = 1
 
-    def add(self, step: int, belief: Belief) -> None:
-        """Note the particles of a step."""
-        if step % self.stride:
+    def add(self, moment: Moment) -> None:
+        """Note a step."""
+        if moment.step % self.stride:
             return
-        poses, weights = belief.poses[0].numpy(), belief.log_weights[0].numpy()
-        self.kept.append((step, poses.astype(np.float32), weights.astype(np.float32)))
+        self.kept.append(moment)
         if len(self.kept) > MOST_FRAMES:
             self.stride *= 2
-            self.kept = [frame for frame in self.kept if frame[0] % self.stride == 0]
+            self.kept = [each for each in self.kept if each.step % self.stride == 0]
 
-    def write(self, rows: Sequence[Row], positions: Float64[ndarray, "n 2"], path: Path, unit: str = "m") -> None:
+    def write(self, positions: Float64[ndarray, "n 2"], path: Path, unit: str = "m") -> None:
         """Write the animation; ``unit`` is that of positions.
 
         Raises:
             UserError: OpenCV cannot write MP4 here.
         """
-        from sextant.figures.localization.particle_map import ParticleFrame
         from sextant.figures.localization.particle_replay import particle_replay
 
-        frames = (
-            ParticleFrame(
-                poses.astype(np.float64),
-                np.maximum(weights.astype(np.float64), -1e6),
-                None if rows[step].told.lost else rows[step].told.pose,
-                title=f"{rows[step].name}{', lost' if rows[step].told.lost else ''}"
-                f"{f', {rows[step].problem}' if rows[step].problem else ''}",
-            )
-            for step, poses, weights in self.kept
-        )
-        particle_replay(positions, frames, path, unit=unit)
+        seen = any(moment.seen is not None for moment in self.kept)
+        particle_replay(positions, (moment.drawn() for moment in self.kept), path, unit=unit, seen=seen)
 
 
 def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Path) -> None:

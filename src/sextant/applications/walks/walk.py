@@ -21,6 +21,7 @@ class Walk:
         unseen: of the straightened images, the mean share that the camera does not show.
         remarks: what a user should know.
         files: that were written.
+        interrupted: Ctrl-C came before the last image.
     """
 
     camera: SharedCamera
@@ -30,6 +31,7 @@ class Walk:
     unseen: float
     remarks: tuple[str, ...]
     files: tuple[Path, ...]
+    interrupted: bool = False
 
     def facts(self) -> dict[str, Any]:
         """The cameras and what they share as plain values."""

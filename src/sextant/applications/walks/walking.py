@@ -107,7 +107,12 @@ def localize_walk(
     drive = open_drive(
         str(input), odometry, output, image_topic=image_topic, odometry_topic=odometry_topic, every=every
     )
-    lag = len(drive.frames) if smooth else 0
+    if drive.endless:
+        raise ArgumentError(
+            f"input={input}: a walk is calibrated by all its images before the first is localized",
+            "Record it as a video. A camera is localized live by sextant localize, in a map of images like its own.",
+        )
+    lag = len(drive) if smooth else 0
     if mapped is None:
         localizer = Localizer.load(str(map), particles=particles, start=start, seed=seed, lag=lag)
         map_camera, view, images = None, _view_of(localizer, map, vfov_deg), None
@@ -130,11 +135,14 @@ def localize_walk(
             localizer.save(output / "map")
         drive.remarks.extend(mapped.remarks)
     straight = _Straightened(drive, camera, view, localizer.image_size)
-    found, files = localize_drive(localizer, drive, straight, output, replay=replay, smooth=smooth, progress=progress)
-    walk = Walk(camera, map_camera, view, found, straight.unseen, tuple(drive.remarks), tuple(files))
+    found = localize_drive(localizer, drive, straight, output, replay=replay, smooth=smooth, progress=progress)
+    walk = Walk(
+        camera, map_camera, view, found.rows, straight.unseen, tuple(drive.remarks), tuple(found.files),
+        found.interrupted,
+    )  # fmt: skip
     with telling_write_errors(output):
         report = write_walk_report(walk, straight.shown, localizer, images, output)
-    return replace(walk, files=(*report, *files))
+    return replace(walk, files=(*report, *walk.files))
 
 
 def _camera_of(
@@ -149,9 +157,9 @@ def _camera_of_drive(
 ) -> SharedCamera:
     if isinstance(drive.frames, Photos):
         there = [path for name in drive.frames.names if (path := drive.frames.folder / name).is_file()]
-        if held != "by_hand" or len(there) == len(drive.frames):
+        if held != "by_hand" or len(there) == len(drive):
             return _camera_of(calibrator, there, held, photos, focal_prior)
-    count = len(drive.frames)
+    count = len(drive)
     chosen = set(range(count) if held == "by_hand" else _spread(count, photos))
     seen = (frame for number, frame in enumerate(drive.frames.read(None)) if number in chosen)
     blank = np.zeros((1, 1, 3), np.uint8)  # which fails, and so keeps the numbers of the others
@@ -219,7 +227,7 @@ class _Straightened:
     def __init__(self, drive: OwnDrive, camera: SharedCamera, view: Pinhole, size: tuple[int, int, int] | None):
         self.drive, self.camera, self.view = drive, camera, view
         self.grey = size is not None and size[2] == 1
-        self.wanted = set(_spread(len(drive.frames), MOST_SHOWN))
+        self.wanted = set(_spread(len(drive), MOST_SHOWN))
         self.shown: list[tuple[int, ndarray, ndarray]] = []
         self._unseen: list[float] = []
 

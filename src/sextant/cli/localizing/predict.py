@@ -1,38 +1,54 @@
 """From photos or a video to where each was taken."""
 
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from sextant.applications.localization.localized_drive import localize_drive
 from sextant.applications.localization.localizer import Localizer
-from sextant.applications.localization.written_poses import Row
+from sextant.applications.localization.written_poses import Moment, Row
 from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.data.localization.own_drive import open_drive
-from sextant.errors import UserError
+from sextant.errors import ArgumentError, UserError
+
+#: of a localizer, a context whose value is called with each step
+Watched = Callable[[Localizer], AbstractContextManager[Callable[[Moment], None] | None]]
 
 
 def predict_poses(
-    folder: Path, given: str, output: Path, options: LocalizingOptions, *, trust: bool = False
+    folder: Path,
+    given: str,
+    output: Path,
+    options: LocalizingOptions,
+    *,
+    trust: bool = False,
+    watched: Watched = lambda localizer: nullcontext(None),
 ) -> list[Row]:
     """Localize the images in their order, write everything into ``output`` and tell it.
 
     Args:
         folder: of the map.
-        given: photos or a video.
+        given: photos, a video, a ROS bag or a camera.
         output: folder for what is found.
         options: chosen by the user.
         trust: build parts of the user's own that the map names.
+        watched: shows each step while the drive goes on.
 
     Raises:
+        SystemExit: with 130, after Ctrl-C before the last image, once everything before is written.
         UserError: there is no image that can be used, the odometry does not go with them, the map is damaged or cannot
             describe images, or the disk is full.
     """
     read = options.model_dump(include={"every", "image_topic", "odometry_topic"})
     drive = open_drive(given, options.odometry, output, **read)
+    if options.smooth and drive.endless:
+        raise ArgumentError(f"smooth=true needs the last image, and input={given} has none", "Leave out smooth=.")
     chosen = options.model_dump(include={"particles", "start", "seed"})
-    localizer = Localizer.load(folder, **chosen, lag=len(drive.frames) if options.smooth else 0, trust=trust)
+    localizer = Localizer.load(folder, **chosen, lag=len(drive) if options.smooth else 0, trust=trust)
     if localizer.descriptor.describer is None:
         raise UserError(
             f"the map in {folder} was described by vectors from elsewhere, so photos cannot be described",
@@ -40,16 +56,21 @@ def predict_poses(
         )
     if localizer.image_size is None:
         raise UserError(f"the map in {folder} does not tell the size of its images", "Save it anew.")
-    rows, written = localize_drive(
-        localizer, drive, drive.frames.read(localizer.image_size), output,
-        replay=options.replay, smooth=options.smooth, progress=work_progress,
-    )  # fmt: skip
-    tell_poses(rows, drive.remarks, written)
-    return rows
+    with watched(localizer) as watch:
+        found = localize_drive(
+            localizer, drive, drive.frames.read(localizer.image_size), output,
+            replay=options.replay, smooth=options.smooth, progress=work_progress, watch=watch,
+        )  # fmt: skip
+    tell_poses(found.rows, drive.remarks, found.files, interrupted=found.interrupted)
+    return found.rows
 
 
-def tell_poses(rows: list[Row], remarks: list[str], written: list[Path]) -> None:
-    """Print how many images were localized, which could not be used and why, and where the files are."""
+def tell_poses(rows: list[Row], remarks: list[str], written: list[Path], *, interrupted: bool = False) -> None:
+    """Print how many images were localized, which could not be used and why, and where the files are.
+
+    Raises:
+        SystemExit: with 130, of a drive that was interrupted.
+    """
     lost, unseen = sum(row.told.lost for row in rows), {row.name: row.problem for row in rows if row.problem}
     degenerate = sum(row.told.degenerate for row in rows)
     console.print(
@@ -62,3 +83,5 @@ def tell_poses(rows: list[Row], remarks: list[str], written: list[Path]) -> None
     for remark in remarks:
         console.print(f"note: {remark}", markup=False)
     console.print("\n".join(map(str, written)), markup=False, soft_wrap=True)
+    if interrupted:
+        sys.exit(130)

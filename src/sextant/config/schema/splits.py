@@ -1,8 +1,9 @@
 """Numbers and files by split, and what rendered pictures have in common."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from sextant.config.schema.parts import Count, Node
 
@@ -23,15 +24,28 @@ class FileBySplit(Node):
     test: str | None = Field(examples=["kitti/poses/05.txt"])
 
 
+MapFile = Annotated[str, Field(min_length=1)]
+
+
 class MapBySplit(Node):
     """A GeoJSON file for each split, or none."""
 
-    train: str | None = Field(examples=["mytown.geojson"])
-    val: str | None = Field(examples=["mytown.geojson"])
-    test: str | None = Field(examples=["mytown.geojson"])
+    train: MapFile | None = Field(examples=["mytown.geojson"])
+    val: MapFile | None = Field(examples=["mytown.geojson"])
+    test: MapFile | None = Field(examples=["mytown.geojson"])
 
 
-Streets = Annotated[str | MapBySplit | None, Field(examples=["mytown.geojson"])]
+def _map_or_maps(value: object) -> object:
+    if value is None or isinstance(value, str | Mapping):
+        return value
+    raise ValueError("must be a GeoJSON file, {train: ..., val: ..., test: ...}, or null for an invented town")
+
+
+Streets = Annotated[
+    MapFile | MapBySplit | None,
+    Field(examples=["mytown.geojson"]),
+    BeforeValidator(_map_or_maps),
+]
 ImageSide = Annotated[int, Field(ge=16, le=4096)]
 Samples = Literal[1, 4, 9, 16]
 BlockSide = Annotated[float, Field(ge=60, le=400)]

@@ -1,16 +1,21 @@
 """A drive of the user's own: its images one after the other, and how the robot moved between them."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.data.localization.frames import Photos, Video, find_frames
+from sextant.data.localization.camera import Camera, find_camera
+from sextant.data.localization.frames import Frame, Photos, Video, find_frames
 from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.rosbag import Bag, is_rosbag, open_rosbag
 from sextant.errors import ArgumentError
+
+NO_ODOMETRY = "no odometry= was given: between images the particles spread as where odometry is lost"
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,15 +24,35 @@ class OwnDrive:
 
     Attributes:
         frames: the images.
-        motions: dx, dy, dtheta from the image before, in the robot's frame there; None where it is not known.
+        motions: dx, dy, dtheta from the image before, in the robot's frame there; None where it is not known. Of a
+            camera, whose images nobody can count, there are none.
         times_s: seconds of each image: by names, video or bag, by the odometry, or counted.
         remarks: what the user should know.
     """
 
-    frames: Photos | Video | Bag
+    frames: Photos | Video | Bag | Camera
     motions: list[Float64[ndarray, "3"] | None]
     times_s: Float64[ndarray, "n"]
     remarks: list[str]
+
+    def __len__(self) -> int:
+        """How many images there are; 0 of a camera, which goes on."""
+        return len(self.motions)
+
+    @property
+    def endless(self) -> bool:
+        """Whether it is a camera's."""
+        return isinstance(self.frames, Camera)
+
+    def with_motions(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Float64[ndarray, "3"] | None]]:
+        """Each of the drive's images, as it comes, with the motion since the one before."""
+        if isinstance(self.frames, Camera):
+            return zip(frames, repeat(None), strict=False)
+        return zip(frames, self.motions, strict=True)
+
+    def times_of(self, count: int) -> Float64[ndarray, "count"]:
+        """The times of the first images, once these have come."""
+        return self.frames.times_s[:count] if isinstance(self.frames, Camera) else self.times_s[:count]
 
 
 def open_drive(
@@ -42,7 +67,8 @@ def open_drive(
     """Find images and their odometry.
 
     Args:
-        given: a folder of photos, a video, or a ROS bag, whose own odometry is used unless a file is named.
+        given: a folder of photos, a video, ``camera:0``, or a ROS bag, whose own odometry is used unless a file is
+            named.
         odometry: a trajectory in TUM's format or a table.
         output: folder of the results, none of which is taken for a photo.
         every: of a video or a bag, take one of so many images.
@@ -52,6 +78,11 @@ def open_drive(
     Raises:
         UserError: there is no image, or the odometry does not go with them.
     """
+    if (camera := find_camera(given, every)) is not None:
+        for key, value in (("odometry", odometry), ("image_topic", image_topic), ("odometry_topic", odometry_topic)):
+            if value is not None:
+                raise ArgumentError(f"{key}={value} does not go with input={given}, a camera", f"Leave out {key}=.")
+        return OwnDrive(camera, [], np.zeros(0), [NO_ODOMETRY])
     path = Path(given).expanduser()
     frames: Photos | Video | Bag
     motions: list[Float64[ndarray, "3"] | None]
@@ -68,8 +99,7 @@ def open_drive(
         if moves.names is not None and isinstance(frames, Photos):
             frames = frames.in_order_of(moves.names, odometry)
     if moves is None:
-        told = "no odometry= was given: between images the particles spread as where odometry is lost"
-        motions, remarks = [None] * len(frames), [told]
+        motions, remarks = [None] * len(frames), [NO_ODOMETRY]
     else:
         count = frames.frames if isinstance(frames, Video) else None
         motions, remarks = motions_of(moves, frames.names, frames.times_s, named, every, count)

@@ -1,5 +1,6 @@
 """Queries in bad pictures: the drives of a test once more, corrupted."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.images import PlaceImages
 from sextant.data.places.source import PlaceSource
 from sextant.data.places.split import Split
+from sextant.errors import UserError
 
 #: images corrupted at a time
 BATCH = 256
@@ -21,10 +23,11 @@ class CorruptedQueries:
     """A source whose test shows every drive but the map's twice: as it is, and corrupted, as ``<condition>_corrupted``.
 
     Image k of a corrupted drive, in the order of its frames, is under condition k modulo n of the suite's n (a
-    corruption at a severity). Its recall is so the mean over the suite, at the cost of one more drive, and differs from
-    that of the clean drive by nothing else. Training, validation and the map stay clean.
+    corruption at a severity). So its recall estimates the mean over the suite, at the cost of one more drive, if the
+    drive is much longer than n; and which queries are flat or stopped is as for the clean drive. Training, validation
+    and the map stay clean.
 
-    The images of the test split are held in memory.
+    The images of the test split are held in memory, and corrupted once.
 
     Args:
         source: of the clean images.
@@ -33,6 +36,7 @@ class CorruptedQueries:
 
     def __init__(self, source: PlaceSource, suite: CorruptionSuite):
         self.source, self.suite = source, suite
+        self._test: PlaceImages | None = None
         self.name, self.place_unit = source.name, source.place_unit
 
     def conditions(self, split: Split) -> tuple[str, ...]:
@@ -42,7 +46,12 @@ class CorruptedQueries:
             UserError: what the source raises.
         """
         clean = self.source.conditions(split)
-        return clean if split != "test" else (*clean, *(f"{name}_corrupted" for name in clean[1:]))
+        if split != "test":
+            return clean
+        copies = tuple(f"{name}_corrupted" for name in clean[1:])
+        if taken := set(copies) & set(clean):
+            raise UserError(f"corruption: the dataset has a condition {min(taken)} of its own", "corruption=none")
+        return (*clean, *copies)
 
     def files(self, split: Split) -> list[Path]:
         """Those of the source.
@@ -62,9 +71,13 @@ class CorruptedQueries:
         Raises:
             UserError: what the source raises.
         """
-        clean = self.source.read(split)
         if split != "test":
-            return clean
+            return self.source.read(split)
+        if self._test is None:
+            self._test = self._with_copies(self.conditions("test"), self.source.read("test"))
+        return self._test
+
+    def _with_copies(self, conditions: tuple[str, ...], clean: PlaceImages) -> PlaceImages:
         drives = [clean.rows_of(name) for name in clean.conditions[1:]]
         rows = np.concatenate([np.arange(len(clean)), *drives])
         both = clean.select(rows)
@@ -77,17 +90,10 @@ class CorruptedQueries:
             start = mine.stop
         keys = [under[k % len(under)].key for drive in drives for k in range(len(drive))]
         names = (*clean.names, *(f"{name} {key}" for name, key in zip(both.names[len(clean) :], keys, strict=True)))
-        return PlaceImages(
-            ImageRows(images),
-            traverse,
-            self.conditions("test"),
-            both.frame,
-            names,
-            both.position_m,
-            both.heading_deg,
-            both.aligned,
-            both.skipped,
-        )
+        return replace(
+            both, images=ImageRows(images), traverse=traverse, conditions=conditions, names=names,
+            copies=conditions[len(clean.conditions) :], content=(clean.flat[rows], clean.still[rows]),
+        )  # fmt: skip
 
     def _corrupted(self, images: UInt8[ndarray, "n h w c"], numbers: Int64[ndarray, "n"]) -> UInt8[ndarray, "n h w c"]:
         """A drive, each image under the next condition; ``numbers`` are of its images in the split, and seed them."""

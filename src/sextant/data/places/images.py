@@ -36,6 +36,8 @@ class PlaceImages:
             is not known, or None.
         aligned: equal frames of two traverses show one place.
         skipped: files that were left out because they cannot be used, each with the reason.
+        copies: conditions whose images are those of another, changed: for their own recall, not for that of pairs.
+        content: whether each image is flat and whether it is still, where its own pixels are not to be asked, or None.
     """
 
     images: ImageRows
@@ -47,6 +49,8 @@ class PlaceImages:
     heading_deg: Float64[ndarray, "n"] | None = None
     aligned: bool = True
     skipped: tuple[str, ...] = ()
+    copies: tuple[str, ...] = ()
+    content: tuple[Bool[ndarray, "n"], Bool[ndarray, "n"]] | None = None
 
     def __post_init__(self) -> None:
         columns = (self.traverse, self.frame, self.names, self.position_m, self.heading_deg)
@@ -86,6 +90,7 @@ class PlaceImages:
             names=tuple(self.names[row] for row in rows),
             position_m=part(self.position_m),
             heading_deg=part(self.heading_deg),
+            content=None if self.content is None else (self.content[0][rows], self.content[1][rows]),
         )
 
     def only_conditions(self, names: Sequence[str]) -> "PlaceImages":
@@ -159,15 +164,20 @@ class PlaceImages:
             )
         return within_distance(self.position_m[queries], self.position_m[references], distance, strict=strict)
 
+    @property
+    def originals(self) -> tuple[str, ...]:
+        """Conditions that are not copies."""
+        return tuple(name for name in self.conditions if name not in self.copies)
+
     @cached_property
     def flat(self) -> Bool[ndarray, "n"]:
         """Images without content, such as tunnels; see :func:`~sextant.data.places.flat_frames.flat_frames`."""
-        return flat_frames(self.images)
+        return flat_frames(self.images) if self.content is None else self.content[0]
 
     @cached_property
     def still(self) -> Bool[ndarray, "n"]:
         """Images like the one before, such as at a stop; see :func:`~sextant.data.places.flat_frames.still_frames`."""
-        return still_frames(self.images, self.traverse, self.frame)
+        return still_frames(self.images, self.traverse, self.frame) if self.content is None else self.content[1]
 
 
 def _rows_and_columns(pairs: "csr_array", queries: ndarray, references: ndarray) -> tuple[ndarray, ndarray]:

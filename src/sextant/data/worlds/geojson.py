@@ -19,7 +19,7 @@ from sextant.data.geodesy import geocentric, local_axes
 from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.errors import UserError
 from sextant.worlds.blocks import Ground
-from sextant.worlds.footprints import Footprint, fit_footprints
+from sextant.worlds.footprints import LEAST_M2, Footprint, fit_footprints
 from sextant.worlds.given_streets import given_streets
 from sextant.worlds.street_graph import StreetGraph
 from sextant.worlds.street_layouts import AVENUE_WIDTH_M, STREET_WIDTH_M
@@ -75,7 +75,7 @@ def load_geojson(path: Path | str) -> TownMap:
         >>> town = load_geojson("examples/own_town.geojson")  # doctest: +SKIP
         >>> Town(town.streets, seed=1, footprints=town.footprints)  # doctest: +SKIP
     """
-    path = Path(path)
+    path = Path(path).expanduser()
     content = path.read_bytes() if path.is_file() else b""
     return _load(path, hashlib.sha256(content).hexdigest())
 
@@ -87,7 +87,12 @@ def _load(path: Path, sha256: str) -> TownMap:
     buildings = _chosen(shapes, "Polygon", "building", ("no",), left_out)
     left_out.update("points" for kind, *_ in shapes if kind == "Point")
     if not streets:
-        _refuse(path, f"has no street{_listed(left_out, '; left out: ')}")
+        areas = f"; it has {len(buildings):,} buildings, and a town needs their streets too" if buildings else ""
+        _refuse(path, f"has no street{_listed(left_out, '; left out: ')}{areas}")
+    first = float(streets[0][0][0][0, 0])  # longitudes go on beyond 180 degrees
+    for rings, _ in (*streets, *buildings):
+        for ring in rings:
+            ring[:, 0] = (ring[:, 0] - first + 180) % 360 - 180 + first
     corners = np.concatenate([rings[0] for rings, _ in streets])
     if (spread := float(np.ptp(corners, axis=0).max())) > MOST_DEG:
         _refuse(path, f"spans {spread:.3g} degrees, which is no town")
@@ -108,7 +113,9 @@ def _load(path: Path, sha256: str) -> TownMap:
     ]
     fitted = fit_footprints(given, Ground(graph)) if given else []
     stand = [footprint for footprint in fitted if footprint is not None]
-    left_out["buildings in a street, in another or far away"] += len(fitted) - len(stand)
+    small = sum(each.outline.area < LEAST_M2 for each in given)
+    left_out["buildings under 12 m²"] += small
+    left_out["buildings in a street, in another or far away"] += len(fitted) - len(stand) - small
     drawn = sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
     facts = {
         "streets": len(lines),
@@ -150,7 +157,8 @@ def _shapes(path: Path) -> Iterator[Shape]:
             continue  # a feature without a place, which GeoJSON allows
         tags = _tags({} if bare else feature.get("properties"))
         several = isinstance(geometry, dict) and geometry.get("type") == "GeometryCollection"
-        for each in (geometry.get("geometries") or []) if several else [geometry]:
+        parts = _list(path, f"feature {number}", geometry.get("geometries") or []) if several else [geometry]
+        for each in parts:
             yield from _simple(path, f"feature {number}", each, tags)
 
 
@@ -177,10 +185,11 @@ def _points(path: Path, where: str, ring: Any, least: int) -> Float64[ndarray, "
     """Longitudes and latitudes in degrees; heights are dropped."""
     try:
         points = np.array([(point[0], point[1]) for point in _list(path, where, ring)], np.float64).reshape(-1, 2)
-    except (TypeError, ValueError, IndexError, KeyError):
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
         _refuse(path, f"is no GeoJSON: coordinates of {where} are not pairs of numbers")
     if len(points) < least:
-        _refuse(path, f"is no GeoJSON: {where} has {len(points)} points; at least {least} are needed")
+        has = f"{len(points)} point{'' if len(points) == 1 else 's'}"
+        _refuse(path, f"is no GeoJSON: {where} has {has}; at least {least} are needed")
     if not np.isfinite(points).all():
         _refuse(path, f"has a coordinate that is not finite in {where}")
     if (np.abs(points) > (180, 90)).any():

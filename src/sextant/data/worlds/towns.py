@@ -302,8 +302,8 @@ def _along_streets(graph: StreetGraph, positions: int) -> Float64[ndarray, "posi
 
 def file_hashes(paths: Iterable[str | None]) -> dict[str, str]:
     """SHA-256 of the contents of those files that are there."""
-    there = [path for path in paths if path and Path(path).is_file()]
-    return {path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in there}
+    there = [path for path in paths if path and Path(path).expanduser().is_file()]
+    return {path: hashlib.sha256(Path(path).expanduser().read_bytes()).hexdigest() for path in there}
 
 
 def streets_of(config: Mapping[str, Any], split: str) -> str | None:
@@ -338,7 +338,8 @@ class RenderedWorld:
 
 
 class TownPanoramas(RenderedWorld):
-    """Upright 2:1 panoramas in many towns; the towns of a split are in no other split, nor are their seeds.
+    """Upright 2:1 panoramas in many towns; the towns of a split are in no other split, nor are their seeds,
+    but for those of one map.
 
     Keys: ``images`` and ``towns`` by split, ``height`` in pixels, ``samples`` a pixel, ``conditions``, ``size_m``,
     ``block_m``, ``streets`` (a GeoJSON file, or one by split, that the towns are built from), ``seed``.
@@ -349,7 +350,7 @@ class TownPanoramas(RenderedWorld):
 
 
 class TownSeasons(RenderedWorld):
-    """Traverses of the same streets under several conditions, with poses; a town of its own for each split.
+    """Traverses of the same streets under several conditions, with poses; a town for each split, or one map's for all.
 
     Keys: ``frames`` by split, ``step_m`` between frames, ``lateral_sigma_m`` and ``heading_sigma_deg`` of the car's
     wander, ``width``, ``height``, ``vfov_deg``, ``samples``, ``conditions``,

@@ -3,22 +3,28 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
 from numpy import ndarray
 
 from sextant.figures.style import COLOURS, new_figure
 
-TRUTH, ESTIMATE, MAP, WEIGHTS = COLOURS[2], COLOURS[1], "#a5a39c", "plasma_r"
+TRUTH, ESTIMATE, MAP, WALLS, WEIGHTS = COLOURS[2], COLOURS[1], "#a5a39c", "#55534c", "plasma_r"
 #: Weights are coloured over so many orders of magnitude below the largest.
 DECADES = 4
 #: Positions of a map that are drawn at most, evenly taken; more would not be seen apart.
 MOST_POSITIONS = 20_000
+#: Particles whose headings are drawn at most, the heaviest.
+MOST_HEADINGS = 300
+#: Squared Mahalanobis distance that holds 95 % of a normal distribution in the plane.
+CHI2_95 = 5.991
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,9 @@ class ParticleFrame:
         truth: pose; None where it is not known.
         title: such as the frame's number.
         path: positions of the truth so far.
+        covariance: of the estimate's x and y, whose ellipse holds 95 %; None draws none.
+        seen: what the camera sees, if it is to be shown.
+        there: the image of the map nearest to the estimate.
     """
 
     poses: Float[ndarray, "p 3"]
@@ -40,6 +49,9 @@ class ParticleFrame:
     truth: Float[ndarray, "3"] | None = None
     title: str = ""
     path: Float[ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    covariance: Float[ndarray, "2 2"] | None = None
+    seen: UInt8[ndarray, "h w c"] | None = None
+    there: UInt8[ndarray, "h w c"] | None = None
 
 
 def particle_map(
@@ -47,8 +59,8 @@ def particle_map(
 ) -> Figure:
     """Where the map's images are, the particles with their weights, the estimate and the truth.
 
-    Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. An arrow
-    points along a heading.
+    Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. A stroke
+    points along the heading of each of the 300 heaviest, an arrow along that of the estimate and of the truth.
 
     Args:
         map_positions: of its images.
@@ -73,9 +85,20 @@ def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
     return float(np.clip(width * along / across, 2.0, 2 * width)) + 0.8
 
 
-def draw_map(axes: Axes, map_positions: Float[ndarray, "n 2"], unit: str = "m") -> None:
-    """Draw a map's positions, set the limits of the axes and say below what the colours mean."""
-    (left, bottom), (right, top) = _bounds(map_positions)
+def draw_map(
+    axes: Axes, map_positions: Float[ndarray, "n 2"], unit: str = "m", walls: Float[ndarray, "w 2"] | None = None
+) -> None:
+    """Draw a map's positions, set the limits of the axes and say below what the colours mean.
+
+    Args:
+        axes: to draw on.
+        map_positions: of its images.
+        unit: of positions.
+        walls: points on walls, such as the occupied cells of a grid, if they are known.
+    """
+    (left, bottom), (right, top) = _bounds(map_positions if walls is None else np.vstack([map_positions, walls]))
+    if walls is not None:
+        axes.scatter(walls[:, 0], walls[:, 1], s=0.6, color=WALLS, linewidths=0, rasterized=True)
     some = map_positions[:: -(-len(map_positions) // MOST_POSITIONS)]
     axes.scatter(some[:, 0], some[:, 1], s=3, color=MAP, linewidths=0, rasterized=True)
     names = {"xlabel": f"x ({unit})", "ylabel": f"y ({unit})"}
@@ -100,10 +123,19 @@ def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
         s=7,
         linewidths=0,
     )
-    artists: list[Artist] = [dots]
+    heavy = order[-MOST_HEADINGS:]
+    starts = frame.poses[heavy, :2]
+    ahead = 0.4 * arrow_m * np.column_stack([np.cos(frame.poses[heavy, 2]), np.sin(frame.poses[heavy, 2])])
+    strokes = LineCollection(
+        np.stack([starts, starts + ahead], axis=1).tolist(), colors=dots.to_rgba(share[heavy]), linewidths=0.6
+    )
+    axes.add_collection(strokes, autolim=False)
+    artists: list[Artist] = [dots, strokes]
     axes.set_title(frame.title, fontsize=9)
     if len(frame.path):
         artists += axes.plot(*frame.path.T, color=TRUTH, linewidth=1.0, alpha=0.7)
+    if frame.estimate is not None and frame.covariance is not None:
+        artists.append(axes.add_patch(_ellipse(frame.estimate[:2], frame.covariance)))
     for pose, colour in ((frame.truth, TRUTH), (frame.estimate, ESTIMATE)):
         if pose is None:
             continue
@@ -118,6 +150,14 @@ def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
             )
         )
     return artists
+
+
+def _ellipse(middle: Float[ndarray, "2"], covariance: Float[ndarray, "2 2"]) -> Ellipse:
+    """What holds 95 % of a normal distribution."""
+    variances, axes = np.linalg.eigh(covariance)
+    height, width = 2 * np.sqrt(CHI2_95 * np.clip(variances, 0.0, None))
+    angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))  # of the longer axis
+    return Ellipse((middle[0], middle[1]), width, height, angle=angle, fill=False, edgecolor=ESTIMATE, linewidth=1.2)
 
 
 def _bounds(positions: Float[ndarray, "n 2"]) -> tuple[Float[ndarray, "2"], Float[ndarray, "2"]]:

@@ -8,15 +8,12 @@ from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy import ndarray
 from PIL import Image
 
 from sextant.errors import UserError
-from sextant.figures.localization.particle_map import ParticleFrame, draw_frame, draw_map, map_height
-from sextant.figures.style import new_figure
-
-PIXELS_PER_INCH = 100
+from sextant.figures.localization.particle_map import ParticleFrame
+from sextant.figures.localization.particle_view import ParticleView
 
 
 class _Writer(Protocol):
@@ -33,6 +30,8 @@ def particle_replay(
     frames_per_second: float = 10.0,
     width: float = 6.0,
     unit: str = "m",
+    seen: bool = False,
+    walls: Float[ndarray, "w 2"] | None = None,
 ) -> int:
     """Write a video (``.mp4``) or an animation that any browser shows (``.gif``), and return the number of frames.
 
@@ -44,8 +43,10 @@ def particle_replay(
         frames: the moments, in order.
         path: of the file to write; its folder is made.
         frames_per_second: how fast it is shown.
-        width: of the picture in inches of 100 pixels.
+        width: of the map in inches of 100 pixels.
         unit: of positions.
+        seen: show the frames' images beside the map.
+        walls: points on walls, if they are known.
 
     Raises:
         UserError: the path ends in neither, there is no frame, or no MP4 can be written on this machine.
@@ -53,28 +54,19 @@ def particle_replay(
     """
     if path.suffix not in (".gif", ".mp4"):
         raise UserError(f"{path}: a replay is written as .gif or .mp4", f"Try {path.with_suffix('.gif')}")
-    if len(map_positions) == 0:
-        raise ValueError("the replay needs a map with at least one position")
-    figure, (axes,) = new_figure(width, map_height(map_positions, width))
-    canvas = FigureCanvasAgg(figure)
-    figure.set_dpi(PIXELS_PER_INCH)
-    draw_map(axes, map_positions, unit)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.stem}.unfinished{path.suffix}")
+    view: ParticleView | None = None
     writer: _Writer | None = None
     count = 0
     try:
         for frame in frames:
-            artists = draw_frame(axes, frame)
-            canvas.draw()
-            figure.set_layout_engine("none")  # the axes stay where the first frame puts them
-            image = np.asarray(canvas.buffer_rgba())[..., :3]
-            image = np.ascontiguousarray(image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2])  # codecs need it
+            if view is None:
+                view = ParticleView(map_positions, width=width, unit=unit, seen=seen, walls=walls)
+            image = view.draw(frame)
             if writer is None:
                 writer = (_Gif if path.suffix == ".gif" else _Mp4)(unfinished, frames_per_second, image.shape)
             writer.write(image)
-            for artist in artists:
-                artist.remove()
             count += 1
         if writer is None:
             raise UserError("a replay needs at least one frame", "Run the filter for longer")

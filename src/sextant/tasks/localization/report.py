@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
@@ -23,15 +24,21 @@ from sextant.evaluation.localization.success import (
 )
 from sextant.evaluation.localization.trajectory_error import pooled_errors
 from sextant.evaluation.protocols import RECOVERY_HORIZON, LocalizationProtocol
+from sextant.localization.map_support import images_near
 from sextant.tasks.localization.test import Outcome, Trial
 from sextant.tasks.localization.validation import protocol_of
 from sextant.tasks.peak_memory import peak_memory_mb
+from sextant.worlds.occupancy import OCCUPIED, occupancy_from_scans
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from sextant.figures.localization.particle_map import ParticleFrame
+
 #: runs of a trial that are drawn
 DRAWN = 4
+#: walls are drawn of cells of this side
+DRAWN_WALLS_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,28 +281,51 @@ def write_trajectories(found: Mapping[str, Judged], folder: Path) -> None:
 
 def write_replays(found: Mapping[str, Judged], data: LocalizationData, folder: Path) -> None:
     """The particles of the first run of each trial over the map, as animations."""
-    from sextant.figures.localization.particle_map import ParticleFrame
     from sextant.figures.localization.particle_replay import particle_replay
 
     folder.mkdir(parents=True, exist_ok=True)
+    seen = data.map.images is not None
+    walls = _walls(data) if any(judged.outcome.replay for judged in found.values()) else None
     for name, judged in found.items():
         outcome = judged.outcome
         if not outcome.replay:
             continue
-        length = int(outcome.runs.lengths[0])
-        frames = (
-            ParticleFrame(
-                outcome.replay[step][0].astype(np.float64),
-                np.log(np.maximum(outcome.replay[step][1], 1e-38)).astype(np.float64),
-                outcome.track.pose[step, 0],
-                outcome.runs.poses[step, 0],
-                f"{name}, step {step}, error {judged.position[0, step]:.2f}",
-                outcome.runs.poses[: step + 1, 0, :2],
-            )
-            for step in range(length)
-        )
         path = folder / f"replay_{_file(name)}.gif"
-        particle_replay(data.map.poses[:, :2], frames, path, unit=data.unit)
+        particle_replay(
+            data.map.poses[:, :2], _moments(name, judged, data), path, unit=data.unit, seen=seen, walls=walls
+        )
+
+
+def _moments(name: str, judged: Judged, data: LocalizationData) -> "Iterator[ParticleFrame]":
+    """The first run of a trial, step by step, with what the camera sees if there is one."""
+    from sextant.figures.localization.particle_map import ParticleFrame
+
+    outcome, map_images = judged.outcome, data.map.images
+    runs, track = outcome.runs, outcome.track
+    images = next(drive.images for drive in data.test if drive.name == outcome.trial.drive)
+    near = images_near(torch.from_numpy(data.map.poses))
+    for step in range(int(runs.lengths[0])):
+        pose = track.pose[step, 0]
+        nearest = int(near.nearest(torch.from_numpy(pose)[None])[0])
+        yield ParticleFrame(
+            outcome.replay[step][0].astype(np.float64),
+            np.log(np.maximum(outcome.replay[step][1], 1e-38)).astype(np.float64),
+            pose,
+            runs.poses[step, 0],
+            f"{name}, step {step}, error {judged.position[0, step]:.2f}",
+            runs.poses[: step + 1, 0, :2],
+            track.covariance[step, 0, :2, :2],
+            images[int(runs.frames[step, 0])] if images is not None and runs.seen[step, 0] else None,
+            None if map_images is None else map_images[nearest],
+        )
+
+
+def _walls(data: LocalizationData) -> Float64[ndarray, "w 2"] | None:
+    """Points on the walls that a laser saw from the map's poses; None without one."""
+    if data.scanner is None or data.map.laser is None:
+        return None
+    grid = occupancy_from_scans(data.scanner, data.map.poses, np.asarray(data.map.laser, np.float64), DRAWN_WALLS_M)
+    return grid.cell_to_world(np.argwhere(grid.cells == OCCUPIED))
 
 
 def _file(name: str) -> str:

@@ -13,7 +13,11 @@ from sextant.tasks.places.report import logged_name, protocol_of
 def condition_pairs(
     descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
 ) -> ConditionRecall:
-    """Recall@1 between all pairs of conditions of the images described."""
+    """Recall@1 between all pairs of conditions of the images described, without those that are copies of another."""
+    if places.copies:
+        names = places.originals
+        descriptors = descriptors[np.concatenate([places.rows_of(name) for name in names])]
+        places = places.only_conditions(names)
     every = np.arange(len(places))
     positives = Positives.from_sparse(places.positives(every, every, tolerance))
     return condition_recall(descriptors, places.traverse, positives, places.conditions)

@@ -216,10 +216,13 @@ class PlaceRecognition(pl.LightningModule):
 def mean_recall(
     descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
 ) -> tuple[float, float]:
-    """Recall@1 of every other traverse in the first one, averaged over them, and the same of a random ranking."""
+    """Recall@1 of every other traverse in the first one, averaged over them, and the same of a random ranking.
+
+    Traverses that are copies of others, such as corrupted ones, are reported by their own names, and not here.
+    """
     reference = places.rows_of(places.conditions[0])
     found = []
-    for condition in places.conditions[1:]:
+    for condition in places.originals[1:]:
         query = places.rows_of(condition)
         positives = Positives.from_sparse(places.positives(query, reference, tolerance))
         neighbours = nearest_neighbours(descriptors[reference], descriptors[query])

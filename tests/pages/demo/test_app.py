@@ -13,13 +13,13 @@ from PIL import Image
 
 from sextant import cli
 from sextant.cli import demo
-from sextant.demo import answers as answering
-from sextant.demo import app as serving_app
-from sextant.demo.answers import sample_photo
-from sextant.demo.app import demo_app, page
-from sextant.demo.questions import QUESTIONS
-from sextant.demo.serving import served
 from sextant.errors import UserError
+from sextant.pages.demo import answers as answering
+from sextant.pages.demo import app as serving_app
+from sextant.pages.demo.answers import sample_photo
+from sextant.pages.demo.app import demo_app
+from sextant.pages.demo.questions import QUESTIONS
+from sextant.pages.demo.serving import served
 
 CHINA = sample_photo("china.jpg")
 
@@ -231,7 +231,7 @@ def test_the_page_may_run_its_own_script_and_load_nothing(client):
     assert "unsafe" not in policy
     assert response.headers["Cache-Control"] == "no-store"
     assert "Access-Control-Allow-Origin" not in response.headers
-    text = page()[0]
+    text = response.get_data(as_text=True)
     assert "LARGEST_FILE" not in text
     assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
 

@@ -19,7 +19,7 @@ _one_at_a_time = Lock()
 
 def prepare() -> None:
     """Load what the first questions need, while the user still looks for a photo."""
-    from sextant.demo import questions
+    from sextant.pages.demo import questions
 
     for load in (questions.calibrator, questions.same_place, questions.digit_trial):
         with _one_at_a_time, suppress(UserError):  # a question may come between; it says what is wrong
@@ -27,7 +27,7 @@ def prepare() -> None:
 
 
 def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[str, str]) -> dict[str, Any]:
-    """The answer to one of :data:`~sextant.demo.questions.QUESTIONS`, one at a time.
+    """The answer to one of :data:`~sextant.pages.demo.questions.QUESTIONS`, one at a time.
 
     Files are there while their question is answered, and then they are gone. Messages call them by the names they have
     where they come from.
@@ -43,7 +43,7 @@ def answer(question: str, files: Sequence[tuple[str, bytes]], settings: Mapping[
     Raises:
         UserError: there is no such question, files are missing or cannot be used, or a setting is wrong.
     """
-    from sextant.demo.questions import QUESTIONS
+    from sextant.pages.demo.questions import QUESTIONS
 
     if question not in QUESTIONS:
         raise UserError(f"{question}: no such question", f"There are: {', '.join(QUESTIONS)}")

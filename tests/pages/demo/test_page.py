@@ -5,8 +5,8 @@ from cli.cosfire_detection.drawn import drawn
 from headless import CHROMIUM, chromium
 
 from sextant.applications.demonstration import where_else
-from sextant.demo.answers import sample_photo
-from sextant.demo.serving import served
+from sextant.pages.demo.answers import sample_photo
+from sextant.pages.demo.serving import served
 
 pytestmark = [
     pytest.mark.slow,

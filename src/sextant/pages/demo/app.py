@@ -1,19 +1,17 @@
 """The server of the demonstration as a WSGI application, which takes requests of its own page alone."""
 
-import base64
-import hashlib
 import io
-import re
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from flask import Flask, Request, Response, jsonify, request
 from werkzeug.exceptions import HTTPException, RequestEntityTooLarge
 
-from sextant.demo.answers import answer, sample_photo
 from sextant.errors import UserError
+from sextant.pages.demo.answers import answer, sample_photo
+from sextant.pages.loopback import page_app
 
+PAGE = Path(__file__).with_name("page.html")
 #: bytes of a photo, and of a request, which has two at most
 LARGEST_FILE = 64_000_000
 LARGEST_REQUEST = 2 * LARGEST_FILE + 100_000
@@ -24,9 +22,6 @@ REQUEST_TOO_LARGE = (
     f"the request is too large: {LARGEST_FILE // 10**6} MB are taken for a photo, {LARGEST_TEXT // 1000} kB for a text",
     "Save the photo smaller, or as JPEG; shorten the text.",
 )
-#: names by which a browser may call this machine; under any other, a page elsewhere has made it believe that this
-#: machine is the page's own (DNS rebinding)
-HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
 
 class InMemory(Request):
@@ -42,12 +37,8 @@ class InMemory(Request):
 
 def demo_app() -> Flask:
     """The application."""
-    app = Flask("sextant.demo", static_folder=None)
+    app = page_app("sextant.pages.demo", PAGE, {"LARGEST_FILE": str(LARGEST_FILE)})
     app.request_class = InMemory
-    app.json.sort_keys = False  # type: ignore[attr-defined]
-    app.before_request(_refuse_strangers)
-    app.after_request(_sealed)
-    app.add_url_rule("/", "page", lambda: page()[0])
     app.add_url_rule("/sample/<name>", "sample", lambda name: Response(sample_photo(name), mimetype="image/jpeg"))
 
     @app.post("/ask/<question>")
@@ -73,40 +64,3 @@ def demo_app() -> Flask:
         return jsonify(problem=f"this went wrong: {type(error).__name__}", fix="The terminal has the details."), 500
 
     return app
-
-
-@cache
-def page() -> tuple[str, str]:
-    """The page, and what it may do: run its own script, have its own style, ask its own server."""
-    text = Path(__file__).with_name("page.html").read_text("utf-8").replace("LARGEST_FILE", str(LARGEST_FILE))
-    script, style = (re.search(rf"<{tag}>(.*?)</{tag}>", text, re.DOTALL) for tag in ("script", "style"))
-    assert script is not None
-    assert style is not None
-    own = [base64.b64encode(hashlib.sha256(each[1].encode()).digest()).decode() for each in (script, style)]
-    policy = (
-        f"default-src 'none'; script-src 'sha256-{own[0]}'; style-src 'sha256-{own[1]}'; img-src data: blob:; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    )
-    return text, policy
-
-
-def _refuse_strangers() -> Any:
-    """Nothing for another host's page, whatever name it calls this machine by."""
-    host = request.host.rsplit(":", 1)[0] if not request.host.endswith("]") else request.host
-    origin, site = request.headers.get("Origin"), request.headers.get("Sec-Fetch-Site", "same-origin")
-    if host not in HOSTS or origin not in (None, f"http://{request.host}") or site not in ("same-origin", "none"):
-        return jsonify(problem="this server answers its own page alone", fix=None), 403
-    return None
-
-
-def _sealed(response: Response) -> Response:
-    response.headers.update({
-        "Content-Security-Policy": page()[1],
-        "X-Content-Type-Options": "nosniff",
-        "X-Frame-Options": "DENY",
-        "Referrer-Policy": "no-referrer",
-        "Cross-Origin-Resource-Policy": "same-origin",
-        "Cross-Origin-Opener-Policy": "same-origin",
-        "Cache-Control": "no-store",
-    })  # fmt: skip
-    return response

@@ -1,0 +1,65 @@
+"""``sextant localize``: where the images of a folder, a video, a ROS bag or a camera were taken; also live."""
+
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import Field
+
+from sextant.cli.arguments import UserPath
+from sextant.cli.console import console
+from sextant.cli.localizing.options import OUTPUT, LocalizingOptions
+from sextant.errors import UserError
+
+USAGE = (
+    "sextant localize map=<run of localization, or a saved map> input=<folder of photos, video, ROS bag or camera:0> "
+    "[live=true] [odometry=<table>] [output=localization]"
+)
+
+
+class LocalizeOptions(LocalizingOptions):
+    """What the user chose."""
+
+    map: str
+    """run of localization, or a folder that Localizer.save or sextant walk wrote"""
+    input: str
+    """folder of photos in the order of their names, a video, a ROS bag, or camera:0, the first of this machine"""
+    output: UserPath = Path(OUTPUT)
+    """folder for poses.csv, trajectory.tum and pictures; localization unless given"""
+    live: bool = Field(False, examples=["true"])
+    """show each step in the browser while the drive goes on"""
+    browser: bool = Field(True, examples=["false"])
+    """of live=true: false only prints the address"""
+    port: int = Field(0, ge=0, le=65535, examples=[8000])
+    """of live=true, on the loopback interface; one that is free unless given"""
+    trust: bool = Field(False, examples=["true"])
+    """build parts of your own that the map names"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Localize the images, show them if that was asked for, and say where the results are."""
+    options = LocalizeOptions.parse(arguments, USAGE)
+    from sextant.applications.localization.found_map import find_map
+    from sextant.cli.localizing.predict import predict_poses
+    from sextant.cli.output_folder import make_output
+    from sextant.runs.outputs_folder import default_outputs
+
+    folder = find_map(options.map, default_outputs())
+    if folder is None:
+        raise UserError(
+            f"map={options.map}: neither a saved map nor a run of localization",
+            "Localizer.from_images(images, poses).save(folder) makes one; sextant walk makes one of images with poses.",
+        )
+    make_output(options.output)
+    more = {}
+    if options.live:
+        from sextant.pages.drive.serving import watched
+
+        more = {"watched": lambda localizer: watched(localizer, options.port, lambda address: _tell(address, options))}
+    predict_poses(folder, options.input, options.output, options, trust=options.trust, **more)
+
+
+def _tell(address: str, options: LocalizeOptions) -> None:
+    console.print(f"[bold]{address}[/]  (Ctrl-C ends the drive, and what was localized is written)")
+    if options.browser and not webbrowser.open(address):
+        console.print("no browser was found here: open the address in one")

@@ -1,0 +1,1 @@
+"""A drive in the browser while it is localized: :mod:`~sextant.pages.drive.watch` hands each step to the page."""
