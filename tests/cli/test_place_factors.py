@@ -120,6 +120,7 @@ def test_curves_need_no_validation_split(trained):
     assert "test/R_at_1_pm0f_fog__0.5_to_day" in results["metrics"]  # MLflow takes no +
 
 
+@pytest.mark.slow
 def test_the_town_is_rendered_and_curves_are_drawn(trained):
     outputs, run = trained
     directory, results = evaluated(outputs, run, *TOWN, f"paths.cache={outputs / 'cache'}")

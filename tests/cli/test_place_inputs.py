@@ -284,6 +284,7 @@ def test_a_split_of_which_no_query_has_a_positive(folder, told):
 # -- testing a trained model elsewhere ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_two_folders_are_a_test_with_baselines_and_a_tolerance_of_its_own(folder, capsys):
     outcome = execute(to_plain(compose(arguments(folder, "dataset.places=order"))))
     outputs = folder.parent / "outputs"

@@ -52,7 +52,7 @@ def runs(path):
 
 
 MODULES = [
-    ".".join(path.relative_to(SOURCE).with_suffix("").parts)
+    ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__")
     for path in sorted((SOURCE / "sextant").rglob("*.py"))
     if runs(path)
 ]

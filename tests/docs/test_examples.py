@@ -28,8 +28,8 @@ NOT_RUN = {
     "load_store(": "needs a town, which takes minutes to render; smaller in tests/data/rendered",
     "town.renderer(look)": "renders for half a minute; smaller in tests/worlds",
 }
-#: what an example holds that trains
-SLOW = "sextant.sweep("
+#: what an example holds that takes long
+SLOW = ("sextant.sweep(", "Landmarks(")
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def names(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("page", "block"),
     [
-        pytest.param(page, block, marks=[pytest.mark.slow] * (SLOW in block))
+        pytest.param(page, block, marks=[pytest.mark.slow] * any(word in block for word in SLOW))
         for page, block in BLOCKS
         if not any(text in block for text in NOT_RUN)
     ],

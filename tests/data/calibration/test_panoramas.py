@@ -103,6 +103,7 @@ def test_fingerprints_of_other_towns_differ(tmp_path):
 # -- a mix, and what is none -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_mix_joins_splits(tmp_path):
     folder = tmp_path / "own"
     folder.mkdir()

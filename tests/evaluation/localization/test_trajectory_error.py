@@ -205,6 +205,7 @@ def test_made_up_drives_have_the_errors_that_evo_finds(seed):
 
 
 @pytest.mark.real_data
+@pytest.mark.slow
 def test_a_real_drive_has_the_errors_that_evo_finds(real_data):
     """Visual odometry (ORB-SLAM) on the first drive of KITTI: 4541 poses."""
     drives = []

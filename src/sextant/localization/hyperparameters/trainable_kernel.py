@@ -31,6 +31,8 @@ NOISE_SHARE = 0.2
 HEADING_LENGTH = 0.7
 #: The noise never falls below this share of the variance it started from: the factorisation stays possible.
 LEAST_NOISE = 1e-4
+#: of the mean square of descriptors: a variance of less is that of rounding
+ROUNDING = 1e-10
 SMOOTHNESS = {"matern32": 1.5, "matern52": 2.5}
 
 
@@ -94,7 +96,7 @@ class TrainableKernel(nn.Module):
         if not len(poses) or len(poses) != len(descriptors):
             raise ValueError(f"need a descriptor for each pose; got {len(descriptors)} for {len(poses)}")
         variance = mean_variance(descriptors)
-        if not variance > 0:
+        if not variance > ROUNDING * float(descriptors.double().square().mean()):
             raise UserError(
                 f"the map's {len(poses)} descriptors are all equal, so its places cannot be told apart",
                 "Choose another descriptor, or check the images of the map.",
