@@ -202,12 +202,17 @@ def described_map(
             enough; of others whitened principal components.
 
     Raises:
-        UserError: they are no images, or too few for the descriptor.
+        UserError: they are no images, all the same picture, or too few for the descriptor.
     """
     if images.shape[3] not in (1, 3):
         raise UserError(
             f"images are {images.dtype} {images.shape}; they must be uint8, n x height x width x 1 or 3",
             "For example numpy.stack of photos of one size.",
+        )
+    if len(images) > 1 and all(np.array_equal(images[0], image) for image in images[1:]):
+        raise UserError(
+            f"the map's {len(images)} images are all the same picture, so its places cannot be told apart",
+            "Check the images of the map.",
         )
     if isinstance(descriptor, str) and (kind := find_baseline(descriptor)) is not None:
         descriptor = kind()
