@@ -1,7 +1,7 @@
 """A default localizer on real walks in a changed world: ``python -m benchmarks.changed_walks seeds=8``.
 
 Maps are one image a metre along a line; odometry errs by a tenth. Judged from the sixtieth step on, each seed once.
-IE Tower's walk leads through the clips of 25 floors, one after the other; every fifth frame is not in the map.
+IE Tower's walk leads through clips of eight of its floors, one after the other; every fifth frame is not in the map.
 """
 
 import csv

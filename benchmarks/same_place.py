@@ -13,6 +13,7 @@ import numpy as np
 
 from sextant.applications.demonstration.same_place import KNOWN_PAIRS, SHARES, SamePlace
 from sextant.applications.pixels import as_pixels
+from sextant.atomic_files import write_atomically
 from sextant.cli.arguments import parse_arguments
 from sextant.data.photo_files import find_photos
 
@@ -46,7 +47,8 @@ def main() -> None:
         name: np.quantile(np.concatenate(each), SHARES).round(3).tolist()
         for name, each in (("same", same), ("other", other))
     }
-    KNOWN_PAIRS.write_text(json.dumps({"sets": list(SETS), **quantiles}) + "\n")
+    told = json.dumps({"sets": list(SETS), **quantiles}) + "\n"
+    write_atomically(KNOWN_PAIRS, lambda file: file.write(told.encode()))
 
 
 if __name__ == "__main__":

@@ -57,6 +57,31 @@ def test_it_is_the_sum_over_all_paths_of_a_small_map():
     np.testing.assert_allclose(found.numpy(), total / total.sum(), rtol=1e-10)
 
 
+def test_it_takes_single_precision_too():
+    filter = TopologicalFilter.of(line(6).float())
+    belief = filter.step(filter.uniform().float(), AHEAD, away(6, 3).float(), 1.0)
+    assert int(belief.argmax()) == 3
+
+
+@pytest.mark.parametrize("rate", [-1.0, float("nan"), float("inf")])
+def test_a_rate_that_is_none_is_refused(rate):
+    filter = TopologicalFilter.of(line(6))
+    with pytest.raises(ArgumentError, match="rate="):
+        filter.step(filter.uniform(), AHEAD, away(6, 3), rate)
+
+
+@pytest.mark.parametrize("belief", [torch.ones(5), torch.full((6,), float("nan"))])
+def test_a_belief_of_something_else_is_refused(belief):
+    with pytest.raises(ArgumentError, match="belief of shape"):
+        TopologicalFilter.of(line(6)).moved(belief, AHEAD)
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (4, 2), (3,)])
+def test_poses_that_are_none_are_refused(shape):
+    with pytest.raises(ArgumentError, match="poses of shape"):
+        TopologicalFilter(torch.zeros(shape, dtype=torch.float64), 1.0, 1.0)
+
+
 @pytest.mark.parametrize("spacing", [1e-3, 1.0, 200.0])
 def test_short_motions_add_up_whatever_the_spacing(spacing):
     """Thirty steps of a third of a spacing are ten images but for 6 %; nothing is seen."""

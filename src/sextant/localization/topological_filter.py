@@ -70,8 +70,14 @@ class TopologicalFilter:
     jump: float = 1e-3
 
     def __post_init__(self) -> None:
-        if len(self.poses) == 0 or not bool(self.poses.isfinite().all()):
-            raise ArgumentError("poses must be those of one image or more, and finite", "Name images with known poses.")
+        if self.poses.ndim != 2 or self.poses.shape[1] != 3 or len(self.poses) == 0:
+            raise ArgumentError(
+                f"poses of shape {tuple(self.poses.shape)} must have a row of x, y and heading for one image or more",
+                "Name images with known poses.",
+            )
+        if not bool(self.poses.isfinite().all()):
+            raise ArgumentError("poses must be finite", "Name images with known poses.")
+        object.__setattr__(self, "poses", self.poses.double())
         for name in ("position_sigma", "heading_sigma"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ArgumentError(f"{name}={getattr(self, name)} must be above 0 and finite", f"For example {name}=1")
@@ -80,7 +86,7 @@ class TopologicalFilter:
     @classmethod
     def of(cls, poses: Float64[Tensor, "n 3"], jump: float = 1e-3) -> Self:
         """With the scales of the map's own spacing."""
-        return cls(poses, map_spacing(poses) / 2, heading_reach(poses), jump)
+        return cls(poses, map_spacing(poses.double()) / 2, heading_reach(poses.double()), jump)
 
     def uniform(self) -> Float64[Tensor, " n"]:
         """The belief before the first step."""
@@ -94,15 +100,22 @@ class TopologicalFilter:
             motion: dx, dy in the unit of the map and dtheta in rad since then, in the robot's frame then.
 
         Raises:
-            ArgumentError: the motion is not three finite numbers.
+            ArgumentError: the motion is not three finite numbers, or the belief is not of the map's images.
         """
+        if belief.shape != (len(self.poses),) or not bool(belief.isfinite().all()):
+            raise ArgumentError(
+                f"belief of shape {tuple(belief.shape)} must be finite and of {len(self.poses)} images",
+                "filter.uniform()",
+            )
         moved = torch.tensor([float(value) for value in motion], dtype=torch.float64)
         if moved.shape != (3,) or not bool(moved.isfinite().all()):
             raise ArgumentError(f"motion={motion} must be three finite numbers", "dx, dy, dtheta: motion=(1, 0, 0)")
         ahead, images = self._features(se2_compose(self.poses, moved)), self._features(self.poses)
         apart = torch.cdist(ahead, images, compute_mode="donot_use_mm_for_euclid_dist")
         apart = apart.nan_to_num(FURTHEST).clamp(max=FURTHEST)
-        return self.jump / len(belief) + (1 - self.jump) * (belief @ torch.softmax(-0.5 * apart.square(), dim=1))
+        return self.jump / len(belief) + (1 - self.jump) * (
+            belief.double() @ torch.softmax(-0.5 * apart.square(), dim=1)
+        )
 
     def step(
         self, belief: Float64[Tensor, " n"], motion: Sequence[float], distances: Float[Tensor, " n"], rate: float
@@ -115,8 +128,11 @@ class TopologicalFilter:
             rate: :math:`\lambda`, from :func:`likelihood_rate` of the first image.
 
         Raises:
-            ArgumentError: the motion is not three finite numbers, or there is not one distance for each image.
+            ArgumentError: the motion is not three finite numbers, there is not one distance for each image, or the rate
+                is negative or not finite.
         """
+        if not 0 <= rate < math.inf:
+            raise ArgumentError(f"rate={rate} must be at least 0 and finite", "rate=likelihood_rate(distances)")
         _check(distances, len(self.poses))
         return torch.softmax(self.moved(belief, motion).log() - rate * (distances.double() - distances.min()), dim=0)
 

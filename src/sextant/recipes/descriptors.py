@@ -211,7 +211,7 @@ def describer(config: Config) -> "Describer | DescriptorFiles":
         UserError: it cannot be built.
     """
     node = dict(config.plain["descriptor"])
-    if node.get("network"):
+    if "photo" in node and node.get("network"):  # landmarks; parts of the user's own mean by it what they like
         node["network"] = str(resolve_run(node["network"], Path(config.paths.outputs), "descriptor.network").checkpoint)
     found = build({"descriptor": node}, "descriptor")
     if isinstance(found, DescriptorFiles):

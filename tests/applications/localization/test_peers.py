@@ -1,10 +1,24 @@
 """The benchmark of peers, on a made-up walk."""
 
+import csv
+
 import numpy as np
 import pytest
+from docs_commands import ROOT
 
-from benchmarks.localization_peers import FRAMES, JUDGED_FROM, LIMITS, along, measured, methods, summary
+from benchmarks.localization_peers import (
+    FRAMES,
+    JUDGED_FROM,
+    LIMITS,
+    MEASURES,
+    along,
+    main,
+    measured,
+    methods,
+    summary,
+)
 from sextant import Localizer
+from sextant.applications.localization.localizer_folder import ENOUGH
 
 IMAGES = 130
 
@@ -53,5 +67,44 @@ def test_all_methods_are_measured_on_the_same_walk(world):
     assert min(shares["nearest image"] + shares["topological"] + shares["particles, 2,000"]) > 0.9
     lines = summary(rows)
     assert [line[2] for line in lines] == list(shares)
-    assert lines[-1][4] == ""  # ours is not compared with itself
-    assert all(line[4] for line in lines[:-1])
+    assert lines[-1][4] == lines[-1][6] == ""  # ours is not compared with itself
+    assert all(line[4] and line[6] for line in lines[:-1])
+
+
+def test_the_table_of_the_docs_is_that_of_the_stored_seeds_with_the_default_descriptor():
+    """What the page says of offices, made again from the stored values; these are of what is taken by default."""
+    with (ROOT / "docs" / "localization" / "peers" / "office.csv").open() as file:
+        rows = [{**row, **{name: float(row[name]) for name in MEASURES}} for row in csv.DictReader(file)]
+    assert {row["descriptor"] for row in rows} == {"network"}
+    page = (ROOT / "docs" / "localization.md").read_text()
+    for line in summary(rows):
+        day = "summer" in line[0]
+        name = "ours, " + line[2].removeprefix("particles, ") + " particles" if "particles, " in line[2] else line[2]
+        name = "laser, 2,000 particles" if name.startswith("laser") else name
+        (told,) = [
+            each.replace("*", "") for each in page.splitlines() if each.replace("*", "").startswith(f"| {name} |")
+        ]
+        cells = [cell.strip() for cell in told.split("|")[2:-1]]
+        assert cells[:4] == line[3:7] if day else cells[4:8] == line[3:7], name
+
+
+def test_the_default_descriptor_is_of_the_size_of_images(monkeypatch):
+    """The network of places where images show it enough, whitened components of small or grey ones."""
+    poses = [(float(k), 0.0, 0.0) for k in range(8)]
+    rng = np.random.default_rng(0)
+
+    def taken(*shape):
+        images = rng.integers(0, 256, (8, *shape), np.uint8)
+        return Localizer.from_images(images, poses, steps=1).descriptor.facts["kind"]
+
+    assert taken(ENOUGH, ENOUGH + 8, 3) == "network"
+    assert taken(ENOUGH - 1, 80, 3) == "baseline"
+    assert taken(ENOUGH, ENOUGH + 8, 1) == "baseline"
+
+
+def test_walks_that_are_not_there_or_have_no_data_are_refused_before_any_work(monkeypatch):
+    monkeypatch.delenv("SEXTANT_DATA", raising=False)
+    for walks, said in (("nowhere", "none begins so; there are: office"), ("Nordland", "SEXTANT_DATA is not set")):
+        monkeypatch.setattr("sys.argv", ["localization_peers", f"walks={walks}"])
+        with pytest.raises(SystemExit, match=said):
+            main()

@@ -33,7 +33,7 @@ class PosedImages:
 def posed_images(folder: Path | str) -> PosedImages:
     """Images below a folder with poses of TUM, KITTI, COLMAP, OpenSfM, nerfstudio, a table, or GPS in EXIF.
 
-    The file of poses is that of the folder that has poses of more images than any other. Poses in space are brought to
+    Of the files of poses below the folder, the one with poses of the most images is used. Poses in space are brought to
     the plane that the camera moved in, as ``sextant inspect`` finds it.
 
     Args:

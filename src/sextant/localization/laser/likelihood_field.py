@@ -43,8 +43,8 @@ class LikelihoodField:
         max_distance_m: ends farther from everything occupied are random.
         beams: how many of a scan are used, evenly spread.
         tempering: exponent β of the product over the beams.
-        unknown: beams that end in an unknown cell are random (``random``), or count by their distance as in free cells
-            (``distance``, as in AMCL).
+        unknown: beams that end in an unknown cell count by their distance as in free cells (``distance``, as in AMCL),
+            or are random (``random``).
 
     Raises:
         ValueError: a number is not positive (``z_hit`` may be 0), or ``unknown`` is neither.
@@ -67,7 +67,7 @@ class LikelihoodField:
     max_distance_m: float = 2.0
     beams: int = 60
     tempering: float = 1.0
-    unknown: Literal["random", "distance"] = "random"
+    unknown: Literal["random", "distance"] = "distance"
     table: Float32[ndarray, "rows columns"] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
