@@ -206,7 +206,7 @@ def office_walk(localizer: Localizer, drive: Drive) -> Walk:
 
 
 def summary(rows: list[dict]) -> list[list[str]]:
-    """By walk and method: share with its interval, difference from ours, median error; error and time as ratios to ours."""
+    """By walk and method: share with its interval, less ours, median error; error and time as ratios to ours."""
     by: dict[tuple[str, str, str], dict[int, list[float]]] = defaultdict(dict)
     for row in rows:
         by[row["walk"], row["pace"], row["method"]][row["seed"]] = [row[name] for name in MEASURES]

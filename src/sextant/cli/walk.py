@@ -28,7 +28,7 @@ class WalkOptions(LocalizingOptions, FocalOptions):
     run: str = "zoo:calibration"
     """what calibrates; the network of the package unless given"""
     descriptor: str | None = Field(None, examples=["Hog"])
-    """of images: a run of place recognition, Hog, Pixels, PatchNormalised, WhitenedPCA; zoo:places unless images are small"""
+    """of images: a run of place recognition, Hog, Pixels, PatchNormalised, WhitenedPCA; zoo:places unless small"""
     held: Literal["mounted", "by_hand", "level"] = Field("mounted", examples=["by_hand"])
     """mounted: tilt and roll are the same in all images (default); by_hand: each has its own; level: none"""
     photos: int = Field(40, ge=1, examples=[40])
