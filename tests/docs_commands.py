@@ -17,6 +17,7 @@ from sextant.cli import (
     demo,
     gallery,
     inspect,
+    localize,
     predict,
     report,
     train,
@@ -206,6 +207,10 @@ def _inspect(command: Command, words: list[str]) -> None:
     inspect.InspectOptions.parse([f"input={words[0]}", *words[1:]], command.text)
 
 
+def _localize(command: Command, words: list[str]) -> None:
+    localize.LocalizeOptions.parse(words, command.text)
+
+
 def _walk(command: Command, words: list[str]) -> None:
     walk.WalkOptions.parse(words, command.text)
 
@@ -237,6 +242,7 @@ VERBS = {
     "benchmark": _benchmark,
     "inspect": _inspect,
     "walk": _walk,
+    "localize": _localize,
     "dashboard": _dashboard,
     "demo": _demo,
 }
