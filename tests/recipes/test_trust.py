@@ -2,14 +2,17 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 
+from sextant.atomic_files import write_json
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.errors import UserError
 from sextant.recipes.cosfire import CosfireRecipe
-from sextant.recipes.descriptors import TrainedDescriptor
+from sextant.recipes.descriptors import TrainedDescriptor, describer
 from sextant.reporter import Reporter
 from sextant.runs.checkpoint import KEY
 from sextant.torch_file import save_sealed
@@ -36,6 +39,41 @@ def test_a_descriptor_of_a_file_from_elsewhere_runs_no_code_that_it_names(tmp_pa
     with pytest.raises(UserError, match=r"wants to build os\.mkdir.*\n.*name a run in the folder of runs"):
         TrainedDescriptor(str(path)).describer(tmp_path / "outputs")
     assert not (tmp_path / "executed").exists()
+
+
+class Named:
+    """A descriptor of a user's own, with an argument of a name that landmarks have for something else."""
+
+    dimension = 3
+
+    def __init__(self, network):
+        self.network = network
+
+    def fit(self, images):
+        return self
+
+    def describe(self, images):
+        return images.reshape(len(images), -1)[:, :3].astype(np.float32)
+
+
+def test_a_network_of_a_descriptor_of_ones_own_is_no_run(tmp_path):
+    raw = to_plain(compose(["task=localization", f"paths.outputs={tmp_path}"]))
+    raw["descriptor"] = {"_target_": f"{__name__}.Named", "network": "resnet18"}
+    assert describer(validate(raw)).descriptor.network == "resnet18"
+
+
+def test_the_network_of_landmarks_is_looked_for_among_the_runs_of_the_outputs(tmp_path):
+    photo, run = tmp_path / "photo.png", tmp_path / "outputs" / "runs" / "classification" / "abc-s0"
+    Image.fromarray(np.zeros((60, 80, 3), np.uint8)).save(photo)
+    given = [f"descriptor.photo={photo}", "descriptor.points=[[30,20]]", "descriptor.network=abc-s0"]
+    words = ["task=localization", "descriptor=landmarks", *given, f"paths.outputs={tmp_path / 'outputs'}"]
+    config = validate(to_plain(compose(words)))
+    with pytest.raises(UserError, match=r"descriptor\.network=abc-s0: no run"):
+        describer(config)
+    write_json(run / "run.json", {"task": "classification", "digest": "abc", "seed": 0})
+    (run / "checkpoints").mkdir()
+    sent(run / "checkpoints" / "last.ckpt", "classification")
+    assert describer(config).descriptor.network == str(run / "checkpoints" / "last.ckpt")
 
 
 def test_nor_do_its_features(tmp_path):

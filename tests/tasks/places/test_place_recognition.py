@@ -154,6 +154,19 @@ def test_evaluation_repeats_the_test(trained, folder):
     assert again["test/recall_at_1"] == run.results()["metrics"]["test/recall_at_1"]
 
 
+def test_a_trained_run_is_tested_in_bad_pictures(trained):
+    """Beside the clean recall, which is as it was; pairs of conditions are of clean images alone."""
+    outputs, run = trained
+    suite = ["corruption=cifar10_c", "corruption.names=[gaussian_noise,contrast]", "corruption.severities=[5]"]
+    evaluate.main([f"run={run.path}", "task.baselines=false", *suite, f"paths.outputs={outputs}", "tracking=none"])
+    newest = max(outputs.glob("runs/evaluation/*/metrics.json"), key=lambda path: path.stat().st_mtime_ns)
+    metrics, clean = json.loads(newest.read_text())["metrics"], run.results()["metrics"]
+    for name in ("test/recall_at_1", "test/R_at_1_pm0f_night_to_day", "test/R_at_1_across_pm0f"):
+        assert metrics[name] == clean[name], name
+    assert metrics["test/R_at_1_pm0f_night_corrupted_to_day"] < clean["test/recall_at_1"]
+    assert not any("to_night_corrupted" in name for name in metrics)
+
+
 def test_runs_repeat_bit_for_bit(folder, tmp_path):
     first, second = (
         execute(config(folder, tmp_path / name, "trainer.max_epochs=2", "task.baselines=false")) for name in "ab"
