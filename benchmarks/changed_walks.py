@@ -18,10 +18,11 @@ from rich.console import Console
 from rich.table import Table
 
 from sextant import Localizer
+from sextant.applications.localization.localizer import fitted_kernel
 from sextant.baselines import WhitenedPCA
 from sextant.cli.arguments import parse_arguments
 from sextant.evaluation import share_interval
-from sextant.localization.likelihood import Likelihood
+from sextant.localization.observation.cached_local_gp import CachedLocalGP
 
 KEYS = {
     "seeds": "how many; 8 unless given",
@@ -35,6 +36,7 @@ WALKS = {
     "Gardens Point, day": ("gardens_point/day_left", "gardens_point/day_right", 0, 200),
     "Gardens Point, night": ("gardens_point/day_left", "gardens_point/night_right", 0, 200),
     "Nordland, winter, 0 to 299": ("nordland/summer", "nordland/winter", 0, 300),
+    "Nordland, winter, 300 to 599": ("nordland/summer", "nordland/winter", 300, 600),
     "Nordland, winter, 600 to 899": ("nordland/summer", "nordland/winter", 600, 900),
     "Nordland, winter, 1500 to 1799": ("nordland/summer", "nordland/winter", 1500, 1800),
     "Nordland, winter, 2000 to 2299": ("nordland/summer", "nordland/winter", 2000, 2300),
@@ -74,17 +76,20 @@ def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]
     made = Localizer.from_images(images, poses)
     if made.descriptor.facts["kind"] == "network":
         yield "whitened PCA", Localizer.from_images(images, poses, WhitenedPCA(32, 48, min(128, len(images) // 2)))
+    mapped = made.model.map
+    smooth = CachedLocalGP(min(16, len(mapped)), map_evidence="mean").fit(mapped, fitted_kernel(mapped))
     alone = replace(made.filter, support=None)
-    for name, filter, adapts in (
-        ("default", made.filter, True),
-        ("without adaptation", made.filter, False),
-        ("without support", alone, True),
-        ("without either", alone, False),
+    for name, model, filter, adapts, odds in (
+        ("default", made.model, made.filter, True, made.odds),
+        ("without sharpening", smooth, made.filter, True, made.odds),
+        ("without scale", made.model, made.filter, True, None),
+        ("without both", smooth, made.filter, True, None),
+        ("without adaptation", made.model, made.filter, False, None),
+        ("without support", made.model, alone, True, made.odds),
     ):
-        likelihood = Likelihood(tempering=made.likelihood.tempering)
         yield name, Localizer(
-            made.model, likelihood, filter, radius=made.radius, descriptor=made.descriptor,
-            image_size=made.image_size, adapts=adapts,
+            model, made.likelihood, filter, radius=made.radius, descriptor=made.descriptor,
+            image_size=made.image_size, adapts=adapts, odds=odds,
         )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ is :math:`l_\theta^2`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -54,6 +54,20 @@ class PoseKernel:
                 raise ValueError(f"{name}={value} must be above 0 and finite")
         if not (self.noise_variance >= 0 and math.isfinite(self.noise_variance)):
             raise ValueError(f"noise_variance={self.noise_variance} must be at least 0 and finite")
+
+    def sharpened(self, length: float, noise: float) -> "PoseKernel":
+        """A kernel that smooths less.
+
+        Args:
+            length: factor of the lengths of x and y.
+            noise: its noise variance at most, as a share of the signal's.
+
+        >>> PoseKernel("rbf", (4.0, 2.0), 0.7, 1.0, 0.6).sharpened(0.5, 0.001)
+        PoseKernel(spatial='rbf', length=(2.0, 1.0), heading_length=0.7, signal_variance=1.0, noise_variance=0.001)
+        """
+        x, y = self.length
+        least = min(self.noise_variance, noise * self.signal_variance)
+        return replace(self, length=(length * x, length * y), noise_variance=least)
 
     def __call__(self, a: Float64[Tensor, "*#b n 3"], b: Float64[Tensor, "*#b m 3"]) -> Float64[Tensor, "*#b n m"]:
         """Covariance of the signal at poses a and b, without noise; batches are broadcast."""

@@ -156,6 +156,7 @@ def test_a_descriptor_does_as_well_as_its_image_and_a_whitener_is_applied_to_bot
         image_size=(32, 48, 3),
         particles=200,
         adapts=True,
+        odds=turned.odds,
     )
     whitening.save(tmp_path)
     for one in (whitening, Localizer.load(tmp_path)):  # a rotation changes no distance
@@ -182,8 +183,8 @@ def test_a_map_of_a_stream_of_images_is_opened_with_the_usual_filter(corridor, t
     opened = Localizer.load(tmp_path, particles=200, descriptor=made.descriptor.describer, verify=False)
     assert (opened.radius, opened.facts, opened.image_size) == (2.5 * STEP, {"city": "none"}, None)
     assert opened.filter.prior.sigmas == made.filter.prior.sigmas
-    # of equally far images another may be the neighbour: the same but for that
-    for ours, theirs in zip(drive(opened, corridor), drive(made, corridor), strict=True):
+    # of equally far images another may be the neighbour: the same but for that, once both know where they are
+    for ours, theirs in list(zip(drive(opened, corridor), drive(made, corridor), strict=True))[6:]:
         assert ours.pose == pytest.approx(theirs.pose, abs=0.1)
         assert ours.lost == theirs.lost
     assert Localizer.load(tmp_path, radius=2.0).radius == 2.0

@@ -37,6 +37,7 @@ from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
+from sextant.localization.evidence_scale import USUAL_ODDS, EvidenceScale, ScaledEvidence
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.map_support import images_near, map_spacing
@@ -51,8 +52,12 @@ from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 
-#: how independent one image's evidence is taken to be, where no traverse tells
+#: how independent one image's evidence is taken to be at most, where no traverse tells
 TEMPERING = 0.125
+#: a kernel that one traverse taught explains as noise what tells its places apart in another, and smooths over it: its
+#: lengths are taken so many times, and so much of the signal's variance is noise
+#: (docs/localization.md, "In a changed world": chosen by leaving whole kinds of walk out)
+SHARPER, LEFT_NOISE = 0.5, 1e-3
 #: further than that no robot moves between two images, in any unit
 FURTHEST = 1e9
 #: the kernel is fitted to at most so many images of a map, evenly spaced
@@ -106,6 +111,8 @@ class Localizer:
         adapts: learn while driving how the look of the world has changed since the map was made,
             :class:`~sextant.localization.appearance_change.AppearanceChange`; for a likelihood that was not fitted to
             another drive.
+        odds: with ``adapts``, the scale of one image's evidence, as for
+            :class:`~sextant.localization.evidence_scale.EvidenceScale`; None takes the likelihood's as it is.
         start: where they are before the first image.
         seed: of all random numbers.
         facts: what else is kept with the map, as plain values.
@@ -128,6 +135,7 @@ class Localizer:
         unit: Literal["m", "frames"] = "m",
         particles: int = 1000,
         adapts: bool = False,
+        odds: float | None = None,
         start: Start = "uniform",
         seed: int = 0,
         facts: dict[str, Any] | None = None,
@@ -143,7 +151,7 @@ class Localizer:
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
         self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
-        self.lag, self.pictures = lag, pictures
+        self.lag, self.pictures, self.odds = lag, pictures, odds
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
         self._spacing = map_spacing(filter.prior.poses)
         self.reset()
@@ -157,6 +165,7 @@ class Localizer:
         self._state: FilterState | None = None
         self._past: list[tuple[Belief, Tensor]] = []
         self._change, self._way = AppearanceChange.none(self.model.map.dimension), math.inf  # since the last image
+        self._scale = None if self.odds is None else EvidenceScale(self.odds)
 
     @torch.no_grad()
     def step(
@@ -269,7 +278,12 @@ class Localizer:
         if bool(residuals.squared.isfinite().all()):  # numbers near the end of their range teach nothing
             self._change = change.exceeded(residuals, dimension, weight)
         centred = self._change.centred(seen, where.mean)[None]
-        return self.model.observe(centred, self._change.likelihood(self.likelihood))
+        evidence = self.model.observe(centred, self._change.likelihood(self.likelihood))
+        if self._scale is None:
+            return evidence
+        over_map = evidence.over_map()
+        self._scale = self._scale.seen(over_map[0], weight)
+        return ScaledEvidence(evidence, over_map, self._scale.tempering)
 
     def _steps_of_map(self, moved: Tensor) -> float:
         """How much of the way from one image of the map to the next; infinite if it is unknown."""
@@ -375,9 +389,9 @@ class Localizer:
             descriptor: one of :mod:`sextant.baselines` or its name, a run of place recognition, or anything with
                 ``describe``. Unless given, ``zoo:places`` of colour images of at least 48 pixels a side;
                 whitened principal components of 32x48 pixels of others.
-            kernel: fitted unless given, by the joint likelihood of at most 600 of the images.
+            kernel: fitted unless given, by the joint likelihood of at most 600 of the images, and sharpened.
             observation: to be fitted; the cached local Gaussian process unless given.
-            likelihood: with a tempering of 0.125 unless given; then how the world has changed is learned on the way.
+            likelihood: unless given, how the world has changed and how much an image counts are learned on the way.
             motion, recovery: of the filter; unless given, odometry that errs by a tenth, and restarts.
             radius: of the mode that is reported, in metres; 2.5 times the spacing of the map unless given.
             steps: of the fit of the kernel.
@@ -395,14 +409,16 @@ class Localizer:
             from sextant.localization.observation.cached_local_gp import CachedLocalGP
 
             observation = CachedLocalGP(min(16, len(found)), map_evidence="mean")
-        model = observation.fit(found, kernel or _fitted_kernel(found, steps))
-        filter = usual_filter(found.poses, model.kernel, motion=motion, recovery=recovery)
+        learnt = kernel or fitted_kernel(found, steps)
+        model = observation.fit(found, kernel or learnt.sharpened(SHARPER, LEFT_NOISE))
+        filter = usual_filter(found.poses, learnt, motion=motion, recovery=recovery)
         return cls(
             model,
             likelihood or Likelihood(tempering=TEMPERING),
             filter,
             radius=usual_radius(filter.prior.poses) if radius is None else radius,
             adapts=likelihood is None,
+            odds=USUAL_ODDS if likelihood is None else None,
             descriptor=kept,
             image_size=images.shape[1:],
             pictures=map_pictures(images) if len(found) == len(images) else None,  # else some images were merged
@@ -427,7 +443,16 @@ def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
     return moved
 
 
-def _fitted_kernel(found: DescriptorMap, steps: int) -> PoseKernel:
+def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:
+    """The kernel under which the descriptors of a map are likeliest, by at most 600 of its images.
+
+    Args:
+        found: the map.
+        steps: of gradient descent.
+
+    Raises:
+        UserError: the descriptors are all alike.
+    """
     from sextant.localization.hyperparameters import TrainableKernel, joint_log_likelihood
 
     rows = torch.from_numpy(np.unique(np.linspace(0, len(found) - 1, min(FITTED_TO, len(found))).astype(np.int64)))

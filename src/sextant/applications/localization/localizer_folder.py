@@ -25,6 +25,7 @@ from sextant.applications.localization.kept_filter import filter_of, filter_valu
 from sextant.applications.localization.map_pictures import load_pictures, save_pictures
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
 from sextant.errors import ArgumentError, UserError
+from sextant.localization.evidence_scale import USUAL_ODDS
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
@@ -51,6 +52,7 @@ class Saveable(Protocol):
     unit: Literal["m", "frames"]
     particles: int
     adapts: bool
+    odds: float | None
     image_size: tuple[int, int, int] | None
     descriptor: KeptDescriptor
     facts: dict[str, Any]
@@ -68,6 +70,7 @@ def save_localizer(localizer: Saveable, folder: Path) -> None:
         "unit": localizer.unit,
         "particles": localizer.particles,
         "adapts": localizer.adapts,
+        "odds": localizer.odds,
         "image_size": localizer.image_size,
         "descriptor": localizer.descriptor.identity,
     }
@@ -125,6 +128,7 @@ def open_localizer(
             "unit": settings["unit"],
             "particles": int(settings["particles"]),
             "adapts": settings.get("adapts", False) is True,  # maps of before do not
+            "odds": None if settings.get("odds") is None else float(settings["odds"]),
             "facts": saved.facts.get("about", {}),
             "pictures": load_pictures(folder / PICTURES, len(saved.model.map), verify=verify),
         }
@@ -151,7 +155,8 @@ def _without_settings(
         "likelihood": saved.likelihood,
         "filter": filter,
         "radius": usual_radius(filter.prior.poses),
-        "adapts": saved.likelihood.appearance_variance == 0,  # nobody fitted one
+        "adapts": (adapts := saved.likelihood.appearance_variance == 0),  # nobody fitted one
+        "odds": USUAL_ODDS if adapts else None,
         "descriptor": KeptDescriptor(descriptor),
         "facts": saved.facts,
     }
