@@ -1,5 +1,6 @@
 """A localizer in a world that has changed since its map was made, off the map, and after a jump."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,8 @@ from scipy.ndimage import gaussian_filter
 
 from sextant import Localizer
 from sextant.applications.localization.kept_filter import filter_of, filter_values
+from sextant.applications.localization.localizer import LEFT_NOISE, SHARPER, fitted_kernel
+from sextant.atomic_files import write_sealed_json
 from sextant.errors import UserError
 from sextant.localization.likelihood import Likelihood
 
@@ -132,12 +135,30 @@ def test_support_and_adaptation_are_saved_and_filters_of_before_have_none(street
     localizer.save(tmp_path)
     opened = Localizer.load(tmp_path)
     assert opened.adapts
+    assert opened.odds == localizer.odds > 1
     assert opened.filter.support.reach == pytest.approx(street.step / 2)
     ours, theirs = street.drive(localizer, count=10)[0], street.drive(opened, count=10)[0]
     assert all(np.array_equal(a.pose, b.pose) and a.off_map == b.off_map for a, b in zip(ours, theirs, strict=True))
     values = filter_values(localizer.filter)
     del values["support"]
     assert filter_of(values, localizer.model.map.poses).support is None
+
+
+def test_maps_of_before_keep_the_evidence_that_they_were_saved_with(localizer, tmp_path):
+    localizer.save(tmp_path)
+    header = tmp_path / "map.json"
+    content = json.loads(header.read_text())
+    del content["facts"]["localizer"]["odds"]
+    write_sealed_json(header, content)
+    assert Localizer.load(tmp_path).odds is None
+
+
+def test_the_kernel_of_a_map_is_sharper_than_what_one_traverse_taught(street):
+    localizer = Localizer.from_images(street.images, street.poses, steps=30)
+    taught = fitted_kernel(localizer.model.map, steps=30)
+    assert localizer.model.kernel == taught.sharpened(SHARPER, LEFT_NOISE)
+    given = Localizer.from_images(street.images, street.poses, kernel=taught)
+    assert given.model.kernel == taught  # a kernel that is given is taken as it is
 
 
 @pytest.mark.slow

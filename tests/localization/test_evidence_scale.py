@@ -1,0 +1,76 @@
+"""How much one image counts, by how far apart it tells the places of the map."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from sextant.errors import ArgumentError
+from sextant.localization import evidence_scale
+from sextant.localization.evidence_scale import EvidenceScale, ScaledEvidence
+from sextant.localization.observation.evidence import Evidence
+
+
+def values(scale, count=1000, seed=0):
+    return scale * torch.from_numpy(np.random.default_rng(seed).normal(size=count))
+
+
+def test_the_most_alike_places_become_so_many_times_as_likely_as_the_least_alike():
+    over_map = values(300.0)
+    scale = EvidenceScale(odds=7.0).seen(over_map, 1.0)
+    low, high = np.quantile(scale.tempering * over_map.numpy(), (0.025, 0.975))
+    assert math.exp(high - low) == pytest.approx(7.0)
+
+
+def test_the_unit_of_what_is_told_does_not_matter():
+    first, second = (EvidenceScale().seen(values(unit), 1.0) for unit in (50.0, 5e6))
+    torch.testing.assert_close(first.tempering * values(50.0), second.tempering * values(5e6))
+
+
+def test_the_spread_is_a_mean_over_images_by_the_way_between_them():
+    scale = EvidenceScale()
+    weights, spreads = (1.0, 0.5, 0.0, 2.0), (10.0, 40.0, 1e9, 25.0)
+    one = values(1.0)
+    unit = EvidenceScale().seen(one, 1.0).spread
+    for weight, spread in zip(weights, spreads, strict=True):
+        scale = scale.seen(spread / unit * one, weight)
+    assert scale.spread == pytest.approx(np.average(spreads, weights=weights))
+
+
+@pytest.mark.parametrize("over_map", [torch.zeros(50), torch.full((50,), torch.nan), torch.tensor([3.0])])
+def test_what_tells_nothing_of_the_map_leaves_the_evidence_as_it_is(over_map):
+    assert EvidenceScale().seen(over_map.double(), 1.0).tempering == 1.0
+
+
+def test_it_never_makes_evidence_stronger_and_skips_what_is_not_finite():
+    assert EvidenceScale().seen(values(0.01), 1.0).tempering == 1.0
+    with_holes = torch.cat([values(300.0), torch.full((5,), -torch.inf, dtype=torch.float64)])
+    assert EvidenceScale().seen(with_holes, 1.0).spread == EvidenceScale().seen(values(300.0), 1.0).spread
+
+
+def test_of_a_large_map_some_images_are_looked_at(monkeypatch):
+    monkeypatch.setattr(evidence_scale, "LOOKED_AT", 100)
+    found, whole = EvidenceScale().seen(values(1.0, 250), 1.0), values(1.0, 250)
+    low, high = np.quantile(whole[::3].numpy(), (0.025, 0.975))
+    assert found.spread == pytest.approx(high - low)
+
+
+@pytest.mark.parametrize("odds", [1.0, 0.5, -3.0, math.inf, math.nan])
+def test_odds_that_are_none_are_refused(odds):
+    with pytest.raises(ArgumentError, match="odds="):
+        EvidenceScale(odds)
+
+
+class Told(Evidence):
+    def over_map(self):
+        raise AssertionError("it is known")
+
+    def log_likelihood(self, poses):
+        return -poses[..., 0]
+
+
+def test_evidence_is_tempered_at_poses_and_over_the_map_alike():
+    scaled = ScaledEvidence(Told(), torch.tensor([[-2.0, -4.0]]), 0.25)
+    assert scaled.over_map().tolist() == [[-0.5, -1.0]]
+    assert scaled.log_likelihood(torch.tensor([[[8.0, 0.0, 0.0]]])).tolist() == [[-2.0]]
