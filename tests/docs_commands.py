@@ -208,7 +208,7 @@ def _inspect(command: Command, words: list[str]) -> None:
 
 
 def _localize(command: Command, words: list[str]) -> None:
-    localize.LocalizeOptions.parse(words, command.text)
+    localize.LocalizeOptions.parse([word for word in words if not word.startswith("odometry=")], command.text)
 
 
 def _walk(command: Command, words: list[str]) -> None:

@@ -154,10 +154,10 @@ def test_maps_of_before_keep_the_evidence_that_they_were_saved_with(localizer, t
 
 
 def test_the_kernel_of_a_map_is_sharper_than_what_one_traverse_taught(street):
-    localizer = Localizer.from_images(street.images, street.poses, steps=30)
-    taught = fitted_kernel(localizer.model.map, steps=30)
+    localizer = Localizer.from_images(street.images, street.poses, steps=3)
+    taught = fitted_kernel(localizer.model.map, steps=3)
     assert localizer.model.kernel == taught.sharpened(SHARPER, LEFT_NOISE)
-    given = Localizer.from_images(street.images, street.poses, kernel=taught)
+    given = Localizer.from_images(street.images, street.poses, kernel=taught, descriptor="Pixels")
     assert given.model.kernel == taught  # a kernel that is given is taken as it is
 
 
