@@ -105,7 +105,7 @@ def test_a_second_walk_may_be_a_video_in_the_map_of_the_first(walked, world):
     assert len(found.rows) == 4
     assert found.map_camera is None
     assert found.view == Pinhole(**Localizer.load(walked / "map").facts["view"])
-    assert away(world.folder / "second", world.poses[:8:2])[0] < 6
+    assert np.median(away(world.folder / "second", world.poses[:8:2])) < 6  # 6 m apart, without odometry
     assert shown == ["calibrating the walk", "localizing", "smoothing"]
     assert {path.name for path in found.files} >= {"report.md", "walk.json", "smoothed.tum"}
     assert "| – |" in (world.folder / "second" / "report.md").read_text()

@@ -56,7 +56,7 @@ from sextant.runs.outputs_folder import default_outputs
 TEMPERING = 0.125
 #: a kernel that one traverse taught explains as noise what tells its places apart in another, and smooths over it: its
 #: lengths are taken so many times, and so much of the signal's variance is noise
-#: (docs/localization.md, "In a changed world": chosen by leaving whole kinds of walk out)
+#: (which walks call for it: docs/localization.md, "In a changed world")
 SHARPER, LEFT_NOISE = 0.5, 1e-3
 #: further than that no robot moves between two images, in any unit
 FURTHEST = 1e9
@@ -189,7 +189,8 @@ class Localizer:
         seen = self._seen(image, descriptor)
         moved = _motion(motion)
         self._way += self._steps_of_map(moved)
-        evidence = None if seen is None else self._evidence(seen)
+        follows = self._state is None or bool(moved.isfinite().all())
+        evidence = None if seen is None else self._evidence(seen, follows=follows)
         looked = torch.tensor([evidence is not None])
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
@@ -268,7 +269,11 @@ class Localizer:
         pixels = as_pixels(image, self.image_size)
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
 
-    def _evidence(self, seen: Tensor) -> Evidence:
+    def _evidence(self, seen: Tensor, *, follows: bool) -> Evidence:
+        """What an image tells; ``follows``: particles follow odometry, so that errors of consecutive images add up.
+
+        Where motion is unknown, they spread so far between images that what the last ones told is forgotten by itself.
+        """
         if not self.adapts:
             return self.model.observe(seen[None], self.likelihood)
         where, dimension = self.model.map, self.model.map.dimension
@@ -283,7 +288,7 @@ class Localizer:
             return evidence
         over_map = evidence.over_map()
         self._scale = self._scale.seen(over_map[0], weight)
-        return ScaledEvidence(evidence, over_map, self._scale.tempering)
+        return ScaledEvidence(evidence, over_map, self._scale.tempering) if follows else evidence
 
     def _steps_of_map(self, moved: Tensor) -> float:
         """How much of the way from one image of the map to the next; infinite if it is unknown."""
