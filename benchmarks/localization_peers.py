@@ -219,9 +219,11 @@ def summary(rows: list[dict]) -> list[list[str]]:
         low, high = mean_interval(less)
         same = method == OURS
         cells.append("" if same else f"{100 * less.mean():+.0f} [{100 * low:+.0f}, {100 * high:+.0f}]")
-        times = np.log(values[:, 1] / own[:, 1])
-        middle, low, high = np.exp([times.mean(), *mean_interval(times)])
-        error = "" if same else f"{middle:.2f} [{low:.2f}, {high:.2f}]"
+        error = "" if same else "–"  # an image of the map may be right to the metre
+        if not same and min(values[:, 1].min(), own[:, 1].min()) > 0:
+            times = np.log(values[:, 1] / own[:, 1])
+            middle, low, high = np.exp([times.mean(), *mean_interval(times)])
+            error = f"{middle:.2f} [{low:.2f}, {high:.2f}]"
         ratio = np.median(values[:, 2]) / np.median(own[:, 2])
         lines.append([*cells, f"{np.median(values[:, 1]):.2f}", error, f"{ratio:.3f}"])
     return lines
