@@ -52,6 +52,7 @@ def moments(beliefs):
     return means, second - means**2
 
 
+@pytest.mark.slow
 def test_it_is_the_kalman_smoother_where_there_is_one():
     seen = [0.4, 1.1, 1.6, 3.5, 4.2, 5.1]
     beliefs, motions = filtered(seen, 4000, seed=0)

@@ -75,6 +75,7 @@ def test_panoramas_go_to_another_process_without_their_levels():
 # -- the town ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_town_is_rendered_when_it_is_read_and_not_before(tmp_path):
     told = []
     source = TownPanoramaSource(town(tmp_path))
