@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -36,14 +37,14 @@ def perspective(width: int, height: int, vfov_deg: float) -> PerspectiveCamera:
     return PerspectiveCamera.from_vfov(torch.tensor(math.radians(vfov_deg), dtype=torch.float64), width, height)
 
 
-class _TownPlan(WorldPlan):
+class _TownPlan(WorldPlan, ABC):
     """Towns, one a scene, each with its own streets and its own seed for everything along them."""
 
     detail = "fine"
 
+    @abstractmethod
     def invented(self, scene: int) -> StreetGraph:
         """The streets of a town of which there is no map."""
-        raise NotImplementedError
 
     def map_file(self, scene: int) -> str | None:
         """The GeoJSON file that says what stands in a town, if there is one."""
