@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -37,7 +37,7 @@ def perspective(width: int, height: int, vfov_deg: float) -> PerspectiveCamera:
     return PerspectiveCamera.from_vfov(torch.tensor(math.radians(vfov_deg), dtype=torch.float64), width, height)
 
 
-class _TownPlan(WorldPlan, ABC):
+class _TownPlan(WorldPlan):
     """Towns, one a scene, each with its own streets and its own seed for everything along them."""
 
     detail = "fine"
