@@ -350,7 +350,7 @@ def test_resampling_waits_for_a_small_effective_sample():
         IdentityMotion(), SystematicResampling(), NoRecovery(), MapPrior(poses[0], 1.0, 0.1), ess_threshold=0.5
     )
     state, step = particle_filter.step(
-        FilterState(Belief.of(poses, weights.log()), torch.zeros(2, 0).double()), None, None, None, generator()
+        FilterState(Belief.of(poses, weights.log()), None), None, None, None, generator()
     )
     assert step.resampled.tolist() == [False, True]
     assert float(step.ess[0]) == pytest.approx(4)

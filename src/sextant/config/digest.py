@@ -10,7 +10,10 @@ NUISANCE = ("seed", "paths", "tracking", "sweep", "launcher", "reuse", "hydra")
 NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": ("download",)}
 
 #: keys that came later: where they say what was done before, runs of before are the same experiment
-LATER: dict[str, dict[str, Any]] = {"trainer": {"accumulate": 1, "patience": None, "compile": False}}
+LATER: dict[str, dict[str, Any]] = {
+    "trainer": {"accumulate": 1, "patience": None, "compile": False},
+    "recovery": {"window": 0},
+}
 
 
 def identity(config: Mapping[str, Any]) -> dict[str, Any]:

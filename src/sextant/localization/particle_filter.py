@@ -24,7 +24,7 @@ from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import EvidenceOnMap, MapSupport
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation.evidence import Evidence
-from sextant.localization.recovery import Injection, Recovery
+from sextant.localization.recovery import Injection, Memory, Recovery
 from sextant.localization.resampling import Resampling, thin
 from sextant.localization.weighed import Weighed
 
@@ -39,7 +39,7 @@ class FilterState:
     """
 
     belief: Belief
-    memory: Float64[Tensor, "r s"]
+    memory: Memory
 
 
 @dataclass(frozen=True)
@@ -147,15 +147,14 @@ class ParticleFilter:
             belief = self._moved(belief, self.motion.sample(belief.poses, motion, generator), evidence is None)
         if evidence is not None and self.support is not None:
             evidence = EvidenceOnMap(evidence, self.support)
-        memory = state.memory
+        memory = state.memory if motion is None else self.recovery.moved(state.memory, motion)
         runs = len(belief.log_weights)
         injected = torch.zeros(runs, dtype=torch.int64, device=belief.poses.device)
         log_evidence = belief.log_weights.new_zeros(runs)
         degenerate = torch.zeros_like(injected, dtype=torch.bool)
         if evidence is not None:
             weighed = Weighed.of(belief, evidence, seen)
-            injection, remembered = self.recovery.inject(weighed, self.prior, memory, generator)
-            memory = torch.where(weighed.seen[:, None], remembered, memory)
+            injection, memory = self.recovery.inject(weighed, self.prior, memory, generator)
             poses, log_weights, injected = _joined(weighed, injection, generator)
             log_evidence = log_weights.logsumexp(1)
             degenerate = log_evidence == -torch.inf

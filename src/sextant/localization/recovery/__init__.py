@@ -3,7 +3,7 @@
 from sextant.localization.recovery.augmented import AugmentedMCL
 from sextant.localization.recovery.bayes_restart import BayesRestart
 from sextant.localization.recovery.none import NoRecovery
-from sextant.localization.recovery.recovery import Injection, Recovery
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery
 from sextant.localization.recovery.top_k import TopKInjection
 from sextant.localization.recovery.uniform import UniformInjection
 
@@ -11,6 +11,7 @@ __all__ = [
     "AugmentedMCL",
     "BayesRestart",
     "Injection",
+    "Memory",
     "NoRecovery",
     "Recovery",
     "TopKInjection",

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery, check_share, whole_number
 from sextant.localization.recovery.uniform import anywhere
 from sextant.localization.weighed import Weighed
 
@@ -45,7 +45,6 @@ class AugmentedMCL(Recovery):
     alpha_fast: float = 0.1
     average: Average = "geometric"
     most: float = 0.5
-    remembers = 2
 
     def __post_init__(self) -> None:
         if not 0 < self.alpha_slow < self.alpha_fast < 1:
@@ -59,11 +58,15 @@ class AugmentedMCL(Recovery):
             raise ArgumentError(f"average={self.average!r} must be one of {allowed}", "average=geometric")
         check_share("most", self.most)
 
+    def memory(self, runs: int, device: torch.device | None = None) -> Float64[Tensor, "r 2"]:
+        """The two averages; nan before the first observation and after an injection."""
+        return torch.full((runs, 2), torch.nan, dtype=torch.float64, device=device)
+
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
-    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+    ) -> tuple[Injection | None, Memory]:
         """Draws of the prior, as many as the averages ask for."""
-        now = weighed.log_evidence[:, None]
+        before, now = memory, weighed.log_evidence[:, None]
         known = torch.where(memory.isnan(), now, memory)
         memory = torch.where(now.isfinite(), self._averaged(known, now), memory)
         slow, fast = memory.unbind(1)
@@ -71,7 +74,7 @@ class AugmentedMCL(Recovery):
         count = whole_number(share.clamp(0, self.most), weighed.particles, generator)
         count = torch.where(weighed.seen, count, 0)
         memory = torch.where(count[:, None] > 0, torch.nan, memory)
-        return anywhere(weighed, prior, count, generator), memory
+        return anywhere(weighed, prior, count, generator), torch.where(weighed.seen[:, None], memory, before)
 
     def _averaged(self, before: Tensor, now: Tensor) -> Tensor:
         alpha = before.new_tensor([self.alpha_slow, self.alpha_fast])

@@ -14,6 +14,13 @@ of m particles drawn at map images, :math:`i \sim q(i) \propto e^{l(z \mid x_i)}
 The form on the left, which is the default, is exact. The one on the right holds where the likelihood hardly changes
 over the jitter, and does not weigh the particles by z: q already did. Both sums together are the evidence of z: the
 filter's ``log_evidence``.
+
+A single image seldom tells enough: where many places look alike, a restart at the true one is one of many, and thinned
+out before the next images could tell. With a *window* of n observations the robot may have been carried off before any
+of the last n + 1, and a restart is weighed by all that it would have seen on its way since
+(:mod:`~sextant.localization.recovery.trail`): :math:`\log w` gains :math:`\log T(x) - \log(n + 1)`. What a wrong
+street and the true one looked like from the start of the window on is then compared in a single step. One kidnapping is
+thought of in n + 1 steps, and counts for one part in n + 1 in each.
 """
 
 import math
@@ -23,9 +30,11 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
+from sextant.errors import ArgumentError
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.recovery.trail import Trail
 from sextant.localization.weighed import Weighed
 
 
@@ -41,34 +50,64 @@ class BayesRestart(Recovery):
             filter of one particle never restarts.
         weigh_jitter: weigh restarts by the likelihood at their own pose (the form on the left), at the cost of m more
             likelihoods; false takes that of the image they were drawn at.
+        window: n, past observations that restarts are weighed by as well, at the cost of m n likelihoods a step; the
+            motion between them is taken as odometry tells it.
 
     Raises:
-        UserError: the hazard or the share is not between 0 and 1.
+        UserError: the hazard or the share is not between 0 and 1, or the window is negative.
     """
 
     hazard: float = 1e-3
     share: float = 0.1
     weigh_jitter: bool = True
+    window: int = 0
 
     def __post_init__(self) -> None:
         check_share("hazard", self.hazard)
         check_share("share", self.share)
+        if self.window < 0:
+            raise ArgumentError(f"window={self.window} must be at least 0", "For example window=20")
+
+    def memory(self, runs: int, device: torch.device | None = None) -> Trail:
+        """Nothing was seen yet."""
+        return Trail()
+
+    def moved(self, memory: Trail, motion: Float64[Tensor, "r 3"]) -> Trail:
+        """See :class:`Recovery`."""
+        return memory.moved(motion)
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
-    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        self, weighed: Weighed, prior: MapPrior, memory: Trail, generator: torch.Generator
+    ) -> tuple[Injection | None, Trail]:
         """Draws of q with jitter."""
+        injection = self._restarts(weighed, prior, memory, generator)
+        if self.window == 0:
+            return injection, memory
+        foreseen = weighed.log_evidence
+        if injection is not None:  # what stands beyond a run's own count means nothing
+            drawn = torch.arange(injection.log_weights.shape[1], device=foreseen.device) < injection.count[:, None]
+            restarts = injection.log_weights.masked_fill(~drawn, -torch.inf).logsumexp(1)
+            foreseen = torch.where(
+                injection.count > 0, torch.logaddexp(foreseen + injection.log_kept, restarts), foreseen
+            )
+        return injection, memory.seen(weighed.evidence, foreseen, weighed.seen, self.window)
+
+    def _restarts(
+        self, weighed: Weighed, prior: MapPrior, trail: Trail, generator: torch.Generator
+    ) -> Injection | None:
         proposal = AppearanceProposal.of(weighed.evidence.over_map())
         count = whole_number(self.share, weighed.particles, generator)
         count = torch.where(weighed.seen & proposal.log_total.isfinite(), count, 0)
         most = int(count.max())
         if most == 0:
-            return None, memory
+            return None
         rows, scores = proposal.draw(count, generator)
         poses = prior.around(rows, generator)
         if self.weigh_jitter:
             told = weighed.evidence.log_likelihood(poses) - scores + proposal.log_evidence[:, None]
         else:
             told = proposal.log_evidence[:, None].expand(-1, most)
-        log_weights = math.log(self.hazard) + told - count.clamp(min=1).double().log()[:, None]
-        return Injection(poses, log_weights, count, poses.new_full(count.shape, math.log1p(-self.hazard))), memory
+        log_weights = math.log(self.hazard / (self.window + 1)) + told - count.clamp(min=1).double().log()[:, None]
+        if trail.passed:
+            log_weights = log_weights + trail.log_worth(poses)
+        return Injection(poses, log_weights, count, poses.new_full(count.shape, math.log1p(-self.hazard)))

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float64
-from torch import Tensor
 
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.recovery.recovery import Injection, Recovery
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery
 from sextant.localization.weighed import Weighed
 
 
@@ -16,7 +14,7 @@ class NoRecovery(Recovery):
     """Adds nothing."""
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
-    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+    ) -> tuple[Injection | None, Memory]:
         """Nothing."""
         return None, memory

@@ -11,6 +11,7 @@ remembers from step to step is handed to it and back: it has no state of its own
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Float64, Int64
@@ -19,6 +20,9 @@ from torch import Tensor
 from sextant.errors import ArgumentError
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.weighed import Weighed
+
+#: what a recovery remembers of all runs from step to step; only it can tell what that is
+Memory = Any
 
 
 @dataclass(frozen=True)
@@ -41,22 +45,23 @@ class Injection:
 class Recovery(ABC):
     """Proposes particles after each observation."""
 
-    #: Numbers it remembers of each run.
-    remembers: int = 0
+    def memory(self, runs: int, device: torch.device | None = None) -> Memory:
+        """What it remembers before the first observation; None for a recovery that remembers nothing."""
+        return None
 
-    def memory(self, runs: int, device: torch.device | None = None) -> Float64[Tensor, "r s"]:
-        """What it remembers before the first observation: nothing, given as nan."""
-        return torch.full((runs, self.remembers), torch.nan, dtype=torch.float64, device=device)
+    def moved(self, memory: Memory, motion: Float64[Tensor, "r 3"]) -> Memory:
+        """What it remembers after a motion of each run, in the robot's frame; nan where it is unknown."""
+        return memory
 
     @abstractmethod
     def inject(
         self,
         weighed: Weighed,
         prior: MapPrior,
-        memory: Float64[Tensor, "r s"],
+        memory: Memory,
         generator: torch.Generator,
-    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
-        """What to add, and what to remember; the filter leaves runs that saw nothing as they are.
+    ) -> tuple[Injection | None, Memory]:
+        """What to add, and what to remember; of runs that saw nothing that is what they remembered.
 
         Args:
             weighed: the particles and what the observation says of them.

@@ -7,13 +7,11 @@ proposes that place, and then the same image confirms it: its likelihood counts 
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float64
-from torch import Tensor
 
 from sextant.errors import ArgumentError
 from sextant.localization.appearance_proposal import AppearanceProposal
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery, check_share, whole_number
 from sextant.localization.weighed import Weighed
 
 
@@ -38,8 +36,8 @@ class TopKInjection(Recovery):
             raise ArgumentError(f"top={self.top} must be at least 1", "For example top=10")
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
-    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+    ) -> tuple[Injection | None, Memory]:
         """Draws of the best images with jitter, weighed by the same observation."""
         particles = weighed.particles
         proposal = AppearanceProposal.of(weighed.evidence.over_map(), self.top)

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 from torch import Tensor
 
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.recovery.recovery import Injection, Recovery, check_share, whole_number
+from sextant.localization.recovery.recovery import Injection, Memory, Recovery, check_share, whole_number
 from sextant.localization.weighed import Weighed
 
 
@@ -31,8 +31,8 @@ class UniformInjection(Recovery):
         check_share("share", self.share)
 
     def inject(
-        self, weighed: Weighed, prior: MapPrior, memory: Float64[Tensor, "r s"], generator: torch.Generator
-    ) -> tuple[Injection | None, Float64[Tensor, "r s"]]:
+        self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator
+    ) -> tuple[Injection | None, Memory]:
         """Draws of the prior."""
         count = whole_number(self.share, weighed.particles, generator)
         return anywhere(weighed, prior, count, generator), memory

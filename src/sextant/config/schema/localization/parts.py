@@ -280,6 +280,7 @@ class BayesRestart(Recovery):
     hazard: Share = Field(examples=[0.001])
     share: Share = Field(examples=[0.1])
     weigh_jitter: bool
+    window: Annotated[int, Field(ge=0, le=1000)] = Field(0, examples=[20])
 
 
 class KLDSize(Node):

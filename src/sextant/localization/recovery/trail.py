@@ -1,0 +1,73 @@
+r"""The last observations, joined by odometry: what a robot would have seen on its way to where it may be now.
+
+A robot that was carried off before the observation at τ and stands at x now has come by the poses
+:math:`x_k = x \circ u_{k:t}^{-1}`, with u the odometry since step k. Against the belief, which had foreseen the
+observations with :math:`C_k = p(z_k \mid z_{1:k-1})`, that is worth
+
+.. math:: T(x) = \sum_{\tau=t-n}^{t} \prod_{k=\tau}^{t-1} \frac{e^{l(z_k \mid x_k)}}{C_k} :
+
+whenever in the last n observations it was carried off.
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Bool, Float64
+from torch import Tensor
+
+from sextant.geometry.planar import se2_compose, se2_inverse
+from sextant.localization.observation.evidence import Evidence
+
+
+@dataclass(frozen=True)
+class Passed:
+    r"""One observation of r runs, some steps ago.
+
+    Attributes:
+        evidence: what was seen.
+        log_evidence: :math:`\log C_k` of the belief then.
+        since: the motion since then, in the robot's frame then.
+        counts: in which runs something was seen, and the motion since is known.
+    """
+
+    evidence: Evidence
+    log_evidence: Float64[Tensor, "r"]
+    since: Float64[Tensor, "r 3"]
+    counts: Bool[Tensor, "r"]
+
+
+@dataclass(frozen=True)
+class Trail:
+    """What was seen, the latest last.
+
+    Attributes:
+        passed: at most n observations.
+    """
+
+    passed: tuple[Passed, ...] = ()
+
+    def moved(self, motion: Float64[Tensor, "r 3"]) -> "Trail":
+        """After a motion of each run; one with nan is unknown, and ends the trail of its run."""
+        known = motion.isfinite().all(1)
+        motion = motion.nan_to_num(0.0, 0.0, 0.0)
+        return Trail(
+            tuple(replace(one, since=se2_compose(one.since, motion), counts=one.counts & known) for one in self.passed)
+        )
+
+    def seen(
+        self, evidence: Evidence, log_evidence: Float64[Tensor, "r"], seen: Bool[Tensor, "r"], most: int
+    ) -> "Trail":
+        """With one observation more, of which the ``most`` latest are kept."""
+        now = Passed(evidence, log_evidence, log_evidence.new_zeros(len(seen), 3), seen & log_evidence.isfinite())
+        return Trail((*self.passed, now)[-most:] if most else ())
+
+    def log_worth(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
+        """log T of poses now."""
+        total = poses.new_zeros(poses.shape[:2])
+        worth = total
+        for one in reversed(self.passed):
+            told = one.evidence.log_likelihood(se2_compose(poses, se2_inverse(one.since)[:, None]))
+            told = torch.where(told.isfinite(), told - one.log_evidence[:, None], -torch.inf)
+            total = total + torch.where(one.counts[:, None], told, 0.0)
+            worth = torch.where(one.counts[:, None], torch.logaddexp(worth, total), worth)
+        return worth

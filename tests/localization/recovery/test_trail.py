@@ -1,0 +1,123 @@
+"""What a robot would have seen on its way, against sums over explicit paths; and restarts weighed by it."""
+
+import math
+
+import pytest
+import torch
+from small_worlds import Told, peaks
+
+from sextant.errors import UserError
+from sextant.geometry.planar import se2_compose
+from sextant.localization.belief import Belief
+from sextant.localization.initialisation import GaussianStart
+from sextant.localization.map_prior import MapPrior
+from sextant.localization.motion import ExponentialMotion
+from sextant.localization.particle_filter import ParticleFilter
+from sextant.localization.recovery import BayesRestart
+from sextant.localization.recovery.trail import Trail
+from sextant.localization.resampling import SystematicResampling
+from sextant.localization.weighed import Weighed
+
+PLACES = 400
+MAP = torch.zeros(PLACES, 3, dtype=torch.float64)
+MAP[:, 0] = torch.arange(PLACES)
+PRIOR = MapPrior(MAP, (0.2, 0.0), 0.0)
+
+
+def rows(*values):
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def looks(poses):
+    """A log-likelihood that depends on all of a pose."""
+    return torch.sin(3 * poses[..., 0]) + torch.cos(2 * poses[..., 1]) + torch.sin(poses[..., 2] + 1)
+
+
+def test_worth_is_the_sum_over_paths_that_turn():
+    """Three observations of two runs; poses are moved forward from the oldest, as the oracle."""
+    motions = [rows((1.0, 0.5, 0.7), (0.0, -1.0, 2.0)), rows((-0.3, 0.2, 1.1), (2.0, 0.0, -0.4))]
+    foreseen = [rows(-0.4, 0.3), rows(0.2, -0.1)]
+    oldest = torch.randn(2, 5, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    middle = se2_compose(oldest, motions[0][:, None])
+    now = se2_compose(middle, motions[1][:, None])
+    trail, everyone = Trail(), torch.ones(2, dtype=torch.bool)
+    for motion, log_evidence in zip(motions, foreseen, strict=True):
+        trail = trail.seen(Told([looks, looks], MAP), log_evidence, everyone, 5).moved(motion)
+    one = (looks(middle) - foreseen[1][:, None]).exp()
+    two = one * (looks(oldest) - foreseen[0][:, None]).exp()
+    torch.testing.assert_close(trail.log_worth(now), (1 + one + two).log())
+
+
+def test_an_unknown_motion_ends_the_trail_of_its_run_alone():
+    trail = Trail().seen(Told([looks, looks], MAP), rows(0.0, 0.0), torch.ones(2, dtype=torch.bool), 5)
+    worth = trail.moved(rows((math.nan, 0.0, 0.0), (0.0, 0.0, 0.0))).log_worth(MAP[None, :3].expand(2, -1, -1))
+    assert worth[0].tolist() == [0, 0, 0]
+    torch.testing.assert_close(worth[1], (1 + looks(MAP[:3]).exp()).log())
+
+
+@pytest.mark.parametrize(
+    ("log_evidence", "seen"), [(rows(0.0), torch.tensor([False])), (rows(-math.inf), torch.tensor([True]))]
+)
+def test_what_was_not_seen_or_was_dropped_tells_nothing(log_evidence, seen):
+    trail = Trail().seen(Told([looks], MAP), log_evidence, seen, 5)
+    assert trail.log_worth(MAP[None, :4]).tolist() == [[0, 0, 0, 0]]
+
+
+def test_a_pose_whose_way_left_the_map_is_worth_what_it_shows_since():
+    trail = Trail().seen(
+        Told([lambda poses: torch.full(poses.shape[:-1], math.nan)], MAP), rows(0.0), torch.tensor([True]), 5
+    )
+    assert trail.log_worth(MAP[None, :4]).tolist() == [[0, 0, 0, 0]]
+
+
+def test_only_the_latest_are_kept():
+    trail = Trail()
+    for _ in range(7):
+        trail = trail.seen(Told([looks], MAP), rows(0.0), torch.tensor([True]), 3)
+    assert len(trail.passed) == 3
+
+
+def test_a_kidnapping_counts_once_over_all_steps_that_think_of_it():
+    """Images that tell nothing: the mass of all restarts of a step is the hazard, once the window is full."""
+    recovery = BayesRestart(0.01, 0.1, window=4)
+    memory, masses = recovery.memory(1), []
+    belief = Belief.uniform(MAP[None].clone())
+    for _ in range(7):
+        memory = recovery.moved(memory, rows((1.0, 0.0, 0.0)))
+        told = Told([lambda poses: torch.zeros(poses.shape[:-1], dtype=torch.float64)], MAP)
+        injection, memory = recovery.inject(
+            Weighed.of(belief, told, None), PRIOR, memory, torch.Generator().manual_seed(0)
+        )
+        masses.append(float(injection.log_weights.exp().sum()))
+    assert masses[-1] == pytest.approx(0.01, rel=0.01)
+    assert masses[0] == pytest.approx(0.01 / 5)
+
+
+def frames_until_found(window, seed):
+    """A robot of 200 particles, sure of a wrong place; each image looks like the true place and like 80 others."""
+    chance = torch.Generator().manual_seed(seed)
+    filter = ParticleFilter(
+        ExponentialMotion((0.05, 0.0, 0.0)), SystematicResampling(), BayesRestart(0.001, 0.1, window=window), PRIOR
+    )
+    start = GaussianStart(rows((20.0, 0.0, 0.0)), (0.5, 0.0, 0.0))
+    state = filter.start(start, 1, 200, chance)
+    for step in range(60):
+        true = 200.0 + step
+        others = torch.randint(PLACES, (80,), generator=chance).tolist()
+        image = peaks([(true, 1.0), *((float(other), 1.0) for other in others)], 0.7, 0, floor=0.1)
+        motion = rows((1.0, 0.0, 0.0)) if step else None
+        state, _ = filter.step(state, motion, Told([image], MAP), None, chance)
+        if float(state.belief.weights[(state.belief.poses[..., 0] - true).abs() < 2].sum()) > 0.5:
+            return step
+    return 60
+
+
+def test_a_window_finds_a_robot_whose_every_image_looks_like_many_places():
+    alone, window = ([frames_until_found(n, seed) for seed in range(8)] for n in (0, 10))
+    assert sorted(window)[6] <= 15
+    assert sum(window) < sum(alone) / 2
+
+
+def test_a_negative_window_is_refused():
+    with pytest.raises(UserError, match="window=-1 must be at least 0"):
+        BayesRestart(window=-1)
