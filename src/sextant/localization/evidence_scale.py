@@ -28,7 +28,7 @@ from torch import Tensor
 from sextant.errors import ArgumentError
 from sextant.localization.observation.evidence import Evidence
 
-USUAL_ODDS = 10.0
+USUAL_ODDS = 20.0
 #: images of the map that are looked at, evenly chosen
 LOOKED_AT = 4096
 

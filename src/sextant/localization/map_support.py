@@ -132,16 +132,19 @@ class EvidenceOnMap(Evidence):
     def _map(self) -> Float64[Tensor, "r n"]:
         return self.evidence.over_map()
 
+    @cached_property
+    def _anywhere(self) -> Float64[Tensor, "r 1"]:
+        on_map = torch.where(self._map.isfinite(), self._map, -torch.inf)
+        return on_map.logsumexp(1, keepdim=True) - math.log(on_map.shape[1])
+
     def over_map(self) -> Float64[Tensor, "r n"]:
         """See :class:`Evidence`."""
         return self._map
 
     def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """See :class:`Evidence`."""
-        on_map = torch.where(self._map.isfinite(), self._map, -torch.inf)
-        anywhere = on_map.logsumexp(1, keepdim=True) - math.log(on_map.shape[1])
         share = (1 - self.support.outliers) * self.support.share(poses)
-        return torch.logaddexp(self.evidence.log_likelihood(poses) + share.log(), anywhere + torch.log1p(-share))
+        return torch.logaddexp(self.evidence.log_likelihood(poses) + share.log(), self._anywhere + torch.log1p(-share))
 
 
 def images_near(poses: Float64[Tensor, "n 3"]) -> Neighbourhoods:

@@ -19,6 +19,8 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
+#: past images that a restart is weighed by as well (what it is worth: docs/localization.md, "In a changed world")
+WINDOW = 10
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 
 
@@ -71,7 +73,7 @@ def usual_filter(
     return ParticleFilter(
         motion or usual_motion(spacing),
         SystematicResampling(),
-        recovery or BayesRestart(weigh_jitter=True),
+        recovery or BayesRestart(window=WINDOW),
         MapPrior(poses, spacing / 2, support.heading_reach),
         support=support,
     )
