@@ -18,7 +18,7 @@ class _Drives(World):
     later = ("streets",)
     frames: BySplit
     step_m: Annotated[float, Field(ge=0.1, le=50)] = Field(examples=[3.0])
-    lateral_sigma_m: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.3])
+    lateral_sigma_m: Annotated[float, Field(ge=0, le=4)] = Field(examples=[0.3])
     heading_sigma_deg: Annotated[float, Field(ge=0, le=20)] = Field(examples=[2.0])
     width: ImageSide = Field(examples=[96])
     height: ImageSide = Field(examples=[64])
