@@ -150,6 +150,13 @@ def test_wander_has_the_spread_it_states():
     assert gaze.std() == pytest.approx(DRIVER.heading_sigma_rad, rel=0.1)
 
 
+def test_a_car_that_wanders_far_goes_from_kerb_to_kerb():
+    graph = street((0, 0), (20_000, 0))
+    across = drive(graph, [0, 1], seed=0, gait=replace(DRIVER, lateral_sigma_m=3.0)).poses[:, 1]
+    half = graph.widths[0] / 2
+    assert (across.min(), across.max()) == pytest.approx((-half, half))
+
+
 @pytest.mark.parametrize("rate", [0, -1, 2000, float("nan")])
 def test_an_impossible_frame_rate_is_told(rate):
     with pytest.raises(UserError, match=r"frame_rate_hz"):

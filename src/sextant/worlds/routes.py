@@ -102,7 +102,7 @@ def drive(
 ) -> Route:
     """A drive through ``nodes`` in the right-hand lane, a quarter of the carriageway from its centre.
 
-    Speed starts and ends at 0 and is the highest within the limits of ``gait``. The seed determines wander and stops;
+    However far it wanders, the car stays on the carriageway. Speed starts and ends at 0 and is the highest within the limits of ``gait``. The seed determines wander and stops;
     the ideal line depends on the nodes alone.
 
     Raises:
@@ -116,7 +116,8 @@ def drive(
     >>> bool(np.abs(a - b).max() < 1.5)  # the same places, but for where in the lane
     True
     """
-    return _traverse(lane_path(graph, nodes, share=0.25), seed, frame_rate_hz, gait)
+    path = lane_path(graph, nodes, share=0.25)
+    return _traverse(path, seed, frame_rate_hz, gait, to_kerb_m=graph.widths[path.edges] / 4)
 
 
 def walk(
@@ -134,7 +135,10 @@ def walk(
     return _traverse(lane_path(graph, nodes, share=0.5, beyond_m=2.1, radius_m=1.5), seed, frame_rate_hz, gait)
 
 
-def _traverse(path: LanePath, seed: int, frame_rate_hz: float, gait: Gait) -> Route:
+def _traverse(
+    path: LanePath, seed: int, frame_rate_hz: float, gait: Gait, to_kerb_m: Float[ndarray, " n"] | float = np.inf
+) -> Route:
+    """``to_kerb_m`` is to the right; the other kerb is three times as far."""
     if not 0 < frame_rate_hz <= 1000:
         raise UserError(f"frame_rate_hz={frame_rate_hz:g} is out of range: it must be in (0, 1000]", "Try 10")
     rng = np.random.default_rng(seed)
@@ -147,7 +151,7 @@ def _traverse(path: LanePath, seed: int, frame_rate_hz: float, gait: Gait) -> Ro
         raise UserError(f"route: {leave[-1] * frame_rate_hz:,.0f} frames are too many", "Use a lower frame_rate_hz")
     times = np.arange(0.0, np.nextafter(leave[-1], np.inf), 1 / frame_rate_hz)
     arc = _arc_at(times, path.arc_m, speed, leave, leave - waits)
-    poses = _wandering(path, rng, gait)
+    poses = _wandering(path, rng, gait, to_kerb_m)
     x, y, heading = (np.interp(arc, path.arc_m, poses[:, k]) for k in range(3))
     edges = path.edges[np.searchsorted(path.arc_m, arc, side="right") - 1]
     return Route(times, np.column_stack([x, y, _wrapped(heading)]), edges, arc)
@@ -180,10 +184,14 @@ def speed_profile(path: LanePath, stops: Int64[ndarray, " k"], gait: Gait) -> Fl
     return np.asarray(np.sqrt(np.maximum(np.minimum(faster, slower), 0.0)))
 
 
-def _wandering(path: LanePath, rng: np.random.Generator, gait: Gait) -> Float[ndarray, "n 3"]:
+def _wandering(
+    path: LanePath, rng: np.random.Generator, gait: Gait, to_kerb_m: Float[ndarray, " n"] | float
+) -> Float[ndarray, "n 3"]:
     """The line with lateral offset, and a heading that follows it and looks around."""
     at, step = _even(path.arc_m)
+    room = np.interp(at, path.arc_m, np.broadcast_to(to_kerb_m, path.arc_m.shape))
     lateral = _smooth_noise(len(at), step / gait.lateral_length_m, rng) * gait.lateral_sigma_m
+    lateral = np.clip(lateral, -room, 3 * room)
     gaze = _ornstein_uhlenbeck(len(at), step / gait.heading_length_m, rng) * gait.heading_sigma_rad
     offset = np.interp(path.arc_m, at, lateral)
     slope = np.interp(path.arc_m, at, np.gradient(lateral, step))
