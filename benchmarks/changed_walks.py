@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from sextant import Localizer
+from sextant.applications.kept_descriptor import KeptDescriptor
 from sextant.applications.localization.localizer import fitted_kernel
 from sextant.baselines import WhitenedPCA
 from sextant.cli.arguments import parse_arguments
@@ -97,14 +98,14 @@ def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]
         )  # fmt: skip
 
 
-def drive(localizer: Localizer, seen: ndarray, at: ndarray, seed: int) -> ndarray:
-    """The columns, for one seed."""
+def drive(localizer: Localizer, seen: list[ndarray], at: ndarray, seed: int) -> ndarray:
+    """The columns, for one seed; ``seen`` are descriptors."""
     localizer.reset(seed)
     rng, rows = np.random.default_rng(seed), []
     for step, number in enumerate(range(20, len(seen))):
         ahead, aside, turn = rng.standard_normal(3) * (0.1, 0.02, 0.005)
         moved = at[number] - at[number - 1]
-        told = localizer.step((moved * (1 + ahead), moved * aside, moved * turn), seen[number])
+        told = localizer.step((moved * (1 + ahead), moved * aside, moved * turn), descriptor=seen[number])
         away = told.pose[:2] - (at[number], 0)
         inside = away @ np.linalg.solve(told.covariance[:2, :2] + 1e-12 * np.eye(2), away) < CHI2_95
         off_line = float(localizer.belief.weights[0] @ localizer.belief.poses[0, :, 1].abs())
@@ -125,8 +126,12 @@ def main() -> None:
         seen, at = photos(data / query_folder, "query", first, last, rows)
         poses = np.zeros((len(images), 3))
         poses[:, 0] = places
+        described: dict[int, tuple[KeptDescriptor, list[ndarray]]] = {}  # variants share a descriptor
         for name, localizer in (variants if rows is None else descriptors)(images, poses):
-            found = np.stack([drive(localizer, seen, at, seed) for seed in range(seeds)])
+            key = id(localizer.descriptor)
+            if key not in described:
+                described[key] = localizer.descriptor, [localizer.describe(image) for image in seen]
+            found = np.stack([drive(localizer, described[key][1], at, seed) for seed in range(seeds)])
             low, high = share_interval(found[:, 0] / 100, trials=seeds)
             mean = found.mean(0)
             first_column = f"{mean[0]:.0f} [{100 * low:.0f}, {100 * high:.0f}]"

@@ -1,12 +1,15 @@
 """The board of claims follows from the stored results, and agrees with the chapters' pages."""
 
 import csv
+import math
 import re
 import shutil
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.spatial import cKDTree
 
 from sextant import cli
@@ -76,20 +79,29 @@ def test_a_chapters_page_says_the_verdict_of_the_board(claim):
     assert f'<a name="{claim.name}"></a>' in (DOCS / "claims.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("row", RECORDED, ids=lambda row: row["name"])
+SEEDS = "docs/calibration/seeds.csv"
+
+
+@pytest.mark.parametrize("row", [row for row in RECORDED if not row["source"].startswith(SEEDS)], ids=itemgetter("name"))
 def test_what_is_recorded_stands_where_it_says(row):
-    page, _, told = row["source"].partition(": ")
+    page, _, _ = row["source"].partition(": ")
     text = (DOCS.parent / page).read_text(encoding="utf-8").replace("**", "")
-    if row["name"].startswith("four_parameters"):
-        ours, constant = re.findall(r"\d+\.\d+", told)
-        assert ours in text
-        assert constant in text
-        assert float(row["mean"]) == pytest.approx(100 * float(ours) / float(constant), abs=0.05)
-        return
     wanted = [row[key] for key in ("mean", "low", "high") if row[key] not in ("", "0")]
     if row["name"] == "compact/bytes":
         wanted = ["512 bytes per descriptor"]
     assert all(value in text for value in wanted)
+
+
+@pytest.mark.parametrize("row", [row for row in RECORDED if row["source"].startswith(SEEDS)], ids=itemgetter("name"))
+def test_what_is_recorded_of_calibration_is_the_t_interval_of_its_seeds(row):
+    seeds = list(csv.DictReader((DOCS.parent / SEEDS).open(encoding="utf-8")))
+    ours, how, other = row["source"].removeprefix(f"{SEEDS}: ").split()
+    first, second = (np.array([float(seed[name]) for seed in seeds]) for name in (ours, other))
+    values = first - second if how == "less" else 100 * first / second
+    half = stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values))
+    assert int(row["seeds"]) == len(seeds) >= 8
+    expected = (values.mean(), values.mean() - half, values.mean() + half)
+    assert [float(row[key]) for key in ("mean", "low", "high")] == pytest.approx(expected, abs=0.006)
 
 
 def test_the_nearest_pose_of_a_thinned_map_is_as_far_as_recorded():
