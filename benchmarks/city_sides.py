@@ -1,0 +1,60 @@
+"""How deep the true place lies among a city's images on the map's side of the street, and on the other.
+
+``python -m benchmarks.city_sides run=<run of task=place_recognition>``
+
+The rank of the best image within 9 m and 30 degrees of the truth, by descriptors, for the frames of the validation
+drives of ``dataset=town_city``, which is rendered first if need be. The map is in one lane: a frame up to 3.5 m from
+it is on its side. Descriptors are kept where those of runs are.
+"""
+
+import math
+import sys
+
+import numpy as np
+from numpy import ndarray
+from rich.console import Console
+from rich.table import Table
+from scipy.spatial import cKDTree
+
+from sextant.cli.arguments import parse_arguments
+from sextant.composing.compose import compose, to_plain
+from sextant.config import validate
+from sextant.data.localization.datamodule import LocalizationDataModule
+from sextant.recipes import recipe_of
+
+KEYS = {"run": "of place recognition, or zoo:places"}
+NEAR_M, TURN, SAME_SIDE_M = 9.0, math.radians(30), 3.5
+
+
+def ranks(seen: ndarray, at: ndarray, mapped: ndarray, places: ndarray, tree: cKDTree) -> ndarray:
+    """How many images of the map are more like each frame than the best of its own place."""
+    found = np.zeros(len(seen))
+    for row, (vector, pose) in enumerate(zip(seen, at, strict=True)):
+        near = np.array(tree.query_ball_point(pose[:2], NEAR_M), dtype=int)
+        turned = np.abs((places[near, 2] - pose[2] + np.pi) % (2 * np.pi) - np.pi)
+        alike = mapped @ vector
+        found[row] = (alike > alike[near[turned < TURN]].max(initial=-np.inf)).sum()
+    return found
+
+
+def main() -> None:
+    """Describe the city and look for all frames."""
+    run = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.city_sides run=<run>")["run"]
+    config = validate(to_plain(compose(["experiment=localization_city", "descriptor=run", f"descriptor.run={run}"])))
+    family = recipe_of("localization")
+    data = family.data(config, family.source(config))
+    assert isinstance(data, LocalizationDataModule)
+    places, mapped = data.drives.map.poses, data.descriptors(data.drives.map)
+    tree = cKDTree(places[:, :2])
+    table = Table("drive", "frames on the map's side", "their median rank", "on the other side", "their median rank")
+    for drive in data.drives.validation:
+        poses = drive.poses
+        found = ranks(data.descriptors(drive), poses, mapped, places, tree)
+        same = tree.query(poses[:, :2])[0] <= SAME_SIDE_M
+        cells = [(str(some.sum()), f"{np.median(found[some]):.0f}" if some.any() else "") for some in (same, ~same)]
+        table.add_row(drive.condition, *cells[0], *cells[1])
+    Console(width=140).print(table)
+
+
+if __name__ == "__main__":
+    main()
