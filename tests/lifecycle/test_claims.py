@@ -28,6 +28,9 @@ from sextant.runs.outputs_folder import conf_dir
 DOCS = Path(__file__).parents[2] / "docs"
 CLAIMS = read_claims()
 RECORDED = list(csv.DictReader((DOCS / "claims" / "recorded.csv").open(encoding="utf-8")))
+SEEDS = "docs/calibration/seeds.csv"
+OF_SEEDS = [row for row in RECORDED if row["source"].startswith(SEEDS)]
+OF_PAGES = [row for row in RECORDED if row not in OF_SEEDS]
 QUICK = sorted(
     path.stem for path in (conf_dir() / "sweep").glob("*.yaml") if "quick" in read_config_file(path)["sweep"]
 )
@@ -79,10 +82,7 @@ def test_a_chapters_page_says_the_verdict_of_the_board(claim):
     assert f'<a name="{claim.name}"></a>' in (DOCS / "claims.md").read_text(encoding="utf-8")
 
 
-SEEDS = "docs/calibration/seeds.csv"
-
-
-@pytest.mark.parametrize("row", [row for row in RECORDED if not row["source"].startswith(SEEDS)], ids=itemgetter("name"))
+@pytest.mark.parametrize("row", OF_PAGES, ids=itemgetter("name"))
 def test_what_is_recorded_stands_where_it_says(row):
     page, _, _ = row["source"].partition(": ")
     text = (DOCS.parent / page).read_text(encoding="utf-8").replace("**", "")
@@ -92,7 +92,7 @@ def test_what_is_recorded_stands_where_it_says(row):
     assert all(value in text for value in wanted)
 
 
-@pytest.mark.parametrize("row", [row for row in RECORDED if row["source"].startswith(SEEDS)], ids=itemgetter("name"))
+@pytest.mark.parametrize("row", OF_SEEDS, ids=itemgetter("name"))
 def test_what_is_recorded_of_calibration_is_the_t_interval_of_its_seeds(row):
     seeds = list(csv.DictReader((DOCS.parent / SEEDS).open(encoding="utf-8")))
     ours, how, other = row["source"].removeprefix(f"{SEEDS}: ").split()
