@@ -56,7 +56,7 @@ FRAMES, JUDGED_FROM, PACE_KEPT, BEAMS = 100, 20, 10, 60
 #: metres: two images of the real walks, which have one a metre, and what a corridor's are judged by
 LIMITS = {"line": 2.0, "office": 0.9}
 LINES = ("Gardens Point, day", "Gardens Point, night", "Nordland, winter, 0 to 299",
-         "Nordland, winter, 600 to 899")  # fmt: skip
+         "Nordland, winter, 300 to 599", "Nordland, winter, 600 to 899")  # fmt: skip
 OURS, PARTICLES = "particles, 2,000", (500, 2000)
 MEASURES = ("within", "median_error", "cpu_us_a_frame")
 

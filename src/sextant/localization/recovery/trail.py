@@ -59,7 +59,7 @@ class Trail:
     ) -> "Trail":
         """With one observation more, of which the ``most`` latest are kept."""
         now = Passed(evidence, log_evidence, log_evidence.new_zeros(len(seen), 3), seen & log_evidence.isfinite())
-        return Trail((*self.passed, now)[-most:] if most else ())
+        return Trail((*self.passed, now)[-most:])
 
     def log_worth(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """log T of poses now."""
