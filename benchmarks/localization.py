@@ -18,6 +18,7 @@ import torch
 
 from benchmarks.local_gp import medians
 from benchmarks.retrieval import Row
+from sextant.applications.localization.kept_filter import WINDOW
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import UniformStart
@@ -64,6 +65,7 @@ def _run(count: int, repeats: int) -> list[Row]:
         "means, one place": step(by_mean, 1000, spread=False),
         "images, one place": step(by_image, 1000, spread=False),
         "images": step(by_image, 1000),
+        "window": step(by_image, 1000, BayesRestart(window=WINDOW)),
         "observe": observing(by_mean),
         "restart": step(by_mean, 1000, given=True),
         "given, all": step(by_mean, 1000, NoRecovery(), given=True),
@@ -84,6 +86,7 @@ def _run(count: int, repeats: int) -> list[Row]:
         row("whole step, map_evidence=mean", "means 1000", fastest, "<= 3"),
         row("whole step, particles at one place, image", "images, one place", fastest, "<= 3"),
         row("whole step, particles at one place, mean", "means, one place", fastest, "<= 3"),
+        row(f"whole step, restarts by {WINDOW} images more", "window", "images", ""),
         row("of it the product", "observe", fastest, ""),
         row("whole step but the product, mean", "restart", fastest, ""),
         row("whole step, 10,000 particles", "means 10000", "means 1000", "<= 10"),
@@ -123,6 +126,9 @@ def step(
         belief = UniformStart().start(prior, 1, particles, None, None, rng)
         image = model.map.descriptors[place : place + 1] + 0.02 * torch.randn(1, DIMENSION, generator=rng)
         state = FilterState(belief, particle_filter.recovery.memory(1))
+        for _ in range(getattr(recovery, "window", 0)):
+            seen, _ = particle_filter.step(state, motion, model.observe(image, LIKELIHOOD), None, rng)
+            state = FilterState(belief, seen.memory)
         clouds.append((state, image, model.observe(image, LIKELIHOOD) if given else None))
     turns = cycle(clouds)
 

@@ -28,7 +28,7 @@ from sextant.runs.outputs_folder import conf_dir
 DOCS = Path(__file__).parents[2] / "docs"
 CLAIMS = read_claims()
 RECORDED = list(csv.DictReader((DOCS / "claims" / "recorded.csv").open(encoding="utf-8")))
-SEEDS = "docs/calibration/seeds.csv"
+SEEDS = "docs/calibration/main_job.csv"
 OF_SEEDS = [row for row in RECORDED if row["source"].startswith(SEEDS)]
 OF_PAGES = [row for row in RECORDED if row not in OF_SEEDS]
 QUICK = sorted(

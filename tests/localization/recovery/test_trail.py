@@ -93,6 +93,22 @@ def test_a_kidnapping_counts_once_over_all_steps_that_think_of_it():
     assert masses[0] == pytest.approx(0.01 / 5)
 
 
+def test_without_odometry_a_window_changes_nothing():
+    """Of two runs the second has none: its restarts weigh what they weigh without a window."""
+    told = Told([looks, looks], MAP)
+    masses = []
+    for window in (0, 4):
+        recovery = BayesRestart(0.01, 0.1, window=window)
+        memory = recovery.memory(2)
+        for _ in range(6):
+            memory = recovery.moved(memory, rows((1.0, 0.0, 0.0), (math.nan, 0.0, 0.0)))
+            step = Weighed.of(Belief.uniform(MAP[None].repeat(2, 1, 1)), told, None)
+            injection, memory = recovery.inject(step, PRIOR, memory, torch.Generator().manual_seed(0))
+        masses.append(injection.log_weights.logsumexp(1))
+    torch.testing.assert_close(masses[0][1], masses[1][1])
+    assert abs(float(masses[0][0] - masses[1][0])) > 0.01
+
+
 def frames_until_found(window, seed):
     """A robot of 200 particles, sure of a wrong place; each image looks like the true place and like 80 others."""
     chance = torch.Generator().manual_seed(seed)

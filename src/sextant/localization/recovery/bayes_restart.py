@@ -20,7 +20,8 @@ out before the next images could tell. With a *window* of n observations the rob
 of the last n + 1, and a restart is weighed by all that it would have seen on its way since
 (:mod:`~sextant.localization.recovery.trail`): :math:`\log w` gains :math:`\log T(x) - \log(n + 1)`. What a wrong
 street and the true one looked like from the start of the window on is then compared in a single step. One kidnapping is
-thought of in n + 1 steps, and counts for one part in n + 1 in each.
+thought of in n + 1 steps, and counts for one part in n + 1 in each; where the motion is unknown there is one step alone
+to think of it, and it counts whole.
 """
 
 import math
@@ -107,7 +108,9 @@ class BayesRestart(Recovery):
             told = weighed.evidence.log_likelihood(poses) - scores + proposal.log_evidence[:, None]
         else:
             told = proposal.log_evidence[:, None].expand(-1, most)
-        log_weights = math.log(self.hazard / (self.window + 1)) + told - count.clamp(min=1).double().log()[:, None]
-        if trail.passed:
-            log_weights = log_weights + trail.log_worth(poses)
+        log_weights = math.log(self.hazard) + told - count.clamp(min=1).double().log()[:, None]
+        if self.window:
+            alone = torch.zeros_like(weighed.seen) if trail.unknown is None else trail.unknown
+            parts = torch.where(alone, 0.0, math.log(self.window + 1))[:, None]
+            log_weights = log_weights + trail.log_worth(poses) - parts
         return Injection(poses, log_weights, count, poses.new_full(count.shape, math.log1p(-self.hazard)))

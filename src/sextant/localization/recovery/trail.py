@@ -42,24 +42,25 @@ class Trail:
 
     Attributes:
         passed: at most n observations.
+        unknown: in which runs the last motion is unknown; None before the first.
     """
 
     passed: tuple[Passed, ...] = ()
+    unknown: Bool[Tensor, "r"] | None = None
 
     def moved(self, motion: Float64[Tensor, "r 3"]) -> "Trail":
         """After a motion of each run; one with nan is unknown, and ends the trail of its run."""
         known = motion.isfinite().all(1)
         motion = motion.nan_to_num(0.0, 0.0, 0.0)
-        return Trail(
-            tuple(replace(one, since=se2_compose(one.since, motion), counts=one.counts & known) for one in self.passed)
-        )
+        passed = (replace(one, since=se2_compose(one.since, motion), counts=one.counts & known) for one in self.passed)
+        return Trail(tuple(passed), ~known)
 
     def seen(
         self, evidence: Evidence, log_evidence: Float64[Tensor, "r"], seen: Bool[Tensor, "r"], most: int
     ) -> "Trail":
         """With one observation more, of which the ``most`` latest are kept."""
         now = Passed(evidence, log_evidence, log_evidence.new_zeros(len(seen), 3), seen & log_evidence.isfinite())
-        return Trail((*self.passed, now)[-most:])
+        return replace(self, passed=(*self.passed, now)[-most:])
 
     def log_worth(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """log T of poses now."""
