@@ -21,11 +21,16 @@ def test_work_of_its_own_counts():
         pytest.raises(pytest.fail.Exception, match=r"took 0\.\d CPU seconds, at most 0\.2: shorten it"),
         time_limit(0.2),
     ):
-        work(0.3)
+        work(0.5)
+
+
+def test_what_a_slower_machine_explains_is_a_warning():
+    with pytest.warns(pytest.PytestWarning, match=r"took 0\.\d CPU seconds, at most 0\.2"), time_limit(0.2):
+        work(0.25)
 
 
 def test_work_of_a_child_counts():
-    code = "import time\nwhile time.process_time() < 0.4: pass"
+    code = "import time\nwhile time.process_time() < 0.7: pass"
     with pytest.raises(pytest.fail.Exception), time_limit(0.3):
         subprocess.run([sys.executable, "-S", "-c", code], check=True)
 
@@ -42,7 +47,7 @@ def test_workers_count_where_they_worked():
         joblib.Parallel(2)(joblib.delayed(work)(1.5) for _ in range(2))
         end_workers()
 
-    with pytest.raises(pytest.fail.Exception), time_limit(2.0):
+    with pytest.raises(pytest.fail.Exception), time_limit(1.2):
         ends_its_workers()
     with time_limit(2.0):  # there are new ones
         assert joblib.Parallel(2)(joblib.delayed(abs)(-x) for x in range(2)) == [0, 1]
