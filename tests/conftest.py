@@ -63,6 +63,20 @@ def cache_of_weights(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def office(tmp_path_factory):
+    """A finished run in a small office, and a drive in it."""
+    from tiny_office import office_run
+
+    return office_run(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory):
+    """A folder for runs that the tests of a file share."""
+    return tmp_path_factory.mktemp("outputs")
+
+
+@pytest.fixture(scope="session")
 def real_data():
     """The folder named by SEXTANT_DATA."""
     if not os.environ.get("SEXTANT_DATA"):

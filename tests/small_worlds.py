@@ -8,6 +8,10 @@ import torch
 from sextant.localization.observation.evidence import Evidence
 
 
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
 class Told(Evidence):
     """Evidence from one function of poses ``(..., 3)`` for each run."""
 

@@ -11,7 +11,7 @@ from numba.core.event import install_timer
 
 #: no limit for as many examples as somebody asked for
 LONGEST_S = math.inf if "SEXTANT_EXAMPLES" in os.environ else 10.0
-#: One machine takes twice as long as another: what is too long on one of them only is listed among the warnings.
+#: Machines differ by about as much: what takes up to twice as long is listed among the warnings, and does not fail.
 SLOWEST_MACHINE = 2.0
 
 
@@ -23,8 +23,8 @@ def cpu_seconds():
 
 @contextmanager
 def time_limit(longest_s=LONGEST_S):
-    """Warn of a test that takes longer, and fail one that takes longer on any machine. The first one to compile a kernel
-    did not choose to be the first.
+    """Warn of a test that takes longer, fail one that takes twice as long. The first one to compile a kernel did not
+    choose to be the first.
     """
     compiling, before = [0.0], cpu_seconds()
     with install_timer("numba:compile", compiling.append):

@@ -33,7 +33,6 @@ SHARP = (
     "descriptor.width=48", "descriptor.dimensions=32", "task.images=150", "task.validation_images=40", "task.starts=2",
     "task.horizon=25", "task.replay=true", "task.save_map=true", "filter.particles=400",
 )  # fmt: skip
-_finished = []
 
 
 def office_cache(tmp_path_factory) -> Path:
@@ -86,14 +85,12 @@ class OfficeRun:
 
 
 def office_run(tmp_path_factory):
-    """The run, made when it is first asked for; a fixture is not shared by modules that import it."""
-    if not _finished:
-        root = tmp_path_factory.mktemp("office")
-        raw = office_config(office_cache(tmp_path_factory), root / "outputs", *SHARP)
-        folder = execute(raw).directory
-        data = as_localization_source(build_dataset(validate(raw))).read()
-        _finished.append(OfficeRun(folder, root / "outputs", data.test[0], min(40, len(data.test[0]))))
-    return _finished[0]
+    """Train the run."""
+    root = tmp_path_factory.mktemp("office")
+    raw = office_config(office_cache(tmp_path_factory), root / "outputs", *SHARP)
+    folder = execute(raw).directory
+    data = as_localization_source(build_dataset(validate(raw))).read()
+    return OfficeRun(folder, root / "outputs", data.test[0], min(40, len(data.test[0])))
 
 
 def pose_error(pose, truth):

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from headless import CHROMIUM, chromium
 from PIL import Image
-from tiny_office import office_run
 
 from sextant import Localizer, cli
 from sextant.applications.localization import localized_drive
@@ -21,16 +20,6 @@ from sextant.errors import UserError
 from sextant.pages.drive import watch as watching
 from sextant.pages.drive.serving import drive_app, watched
 from sextant.pages.drive.watch import Watch
-
-
-@pytest.fixture(scope="session")
-def office(tmp_path_factory):
-    return office_run(tmp_path_factory)
-
-
-@pytest.fixture
-def photos(office, tmp_path):
-    return office.photos(tmp_path / "photos")
 
 
 def run(office, given, output, *more):

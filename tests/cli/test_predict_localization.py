@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from made_up_bags import Bags
-from tiny_office import office_run
 
 from sextant import Localizer
 from sextant.applications.localization import written_poses
@@ -18,16 +17,6 @@ from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.pose_formats import read_tum, write_tum
 from sextant.errors import UserError
 from sextant.geometry.planar import se2_compose
-
-
-@pytest.fixture(scope="session")
-def office(tmp_path_factory):
-    return office_run(tmp_path_factory)
-
-
-@pytest.fixture
-def photos(office, tmp_path):
-    return office.photos(tmp_path / "photos")
 
 
 def odometry_poses(office):

@@ -15,11 +15,12 @@ from scipy.stats import chi2
 
 from sextant.errors import UserError
 from sextant.evaluation.protocols import NORDLAND_LOCALIZATION, OFFICE_LOCALIZATION
-from sextant.figures.localization.particle_map import ESTIMATE, TRUTH, ParticleFrame, particle_map
+from sextant.figures.localization.particle_map import ESTIMATE, TRUTH, ParticleFrame, draw_frame, draw_map
 from sextant.figures.localization.particle_replay import _Gif, particle_replay
 from sextant.figures.localization.particle_view import ParticleView
 from sextant.figures.localization.success_curves import SuccessCurve, success_curves
 from sextant.figures.localization.trajectory_errors import RunErrors, trajectory_errors
+from sextant.figures.style import new_figure
 
 MAP = np.stack(np.meshgrid(np.linspace(0, 20, 30), np.linspace(0, 10, 20)), axis=-1).reshape(-1, 2)
 
@@ -29,6 +30,13 @@ def moment(number=0, particles=50):
     pose = np.array([2.0 + number / 2, 5.0, 0.3])
     poses = pose + rng.normal(0, 0.5, (particles, 3))
     return ParticleFrame(poses, rng.normal(size=particles), pose, pose + 0.2, f"frame {number}", pose[None, :2])
+
+
+def particle_map(positions, frame, unit="m"):
+    figure, (axes,) = new_figure(6.0, 4.0)
+    draw_map(axes, positions, unit)
+    draw_frame(axes, frame)
+    return figure
 
 
 def texts(holder):
@@ -111,7 +119,7 @@ def test_a_railway_is_a_map_too(tmp_path):
     low, high = axes.get_ylim()
     assert low < 0 < high
     with pytest.raises(ValueError, match="at least one position"):
-        particle_map(MAP[:0], moment())
+        ParticleView(MAP[:0])
     with pytest.raises(ValueError, match="at least one position"):
         particle_replay(MAP[:0], [moment()], tmp_path / "a.gif")
 

@@ -16,6 +16,7 @@ from sextant.lifecycle.execute import execute, execute_cell
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.classification.module import Classification
+from sextant.tasks.optimizing import log_training_loss
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +170,7 @@ def test_an_interrupted_run_says_so_and_is_resumable(tmp_path, monkeypatch):
 def nan_at_step_25(self, batch, batch_idx):
     loss = torch.nn.functional.cross_entropy(self(batch.images_in_unit_range()), batch.labels)
     loss = loss * (math.nan if self.global_step == 25 else 1.0)
-    self._log_training_loss(self.step_losses.add(self.global_step, loss))
+    log_training_loss(self, self.step_losses.add(self.global_step, loss))
     return loss
 
 

@@ -24,11 +24,6 @@ from sextant.trained.content import read_trained
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("outputs")
-
-
-@pytest.fixture(scope="module")
 def digits(outputs):
     """A run of LeNet with push-pull inhibition."""
     small = ["trainer.max_epochs=1", "tracking=none", "inhibition=push_pull"]

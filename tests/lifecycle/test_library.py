@@ -35,11 +35,6 @@ class Listening(RunReporter):
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("outputs")
-
-
-@pytest.fixture(scope="module")
 def swept(outputs):
     """A sweep of two arms and two seeds, and a listener to it."""
     reporter = Listening()

@@ -23,11 +23,6 @@ def state(directory):
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("outputs")
-
-
-@pytest.fixture(scope="module")
 def digits(outputs):
     """A classifier of digit scans, its first stages frozen or slowed."""
     small = ["trainer.batch_size=64", "corruption=none", "optimizer=adam", "optimizer.lr=0.01"]

@@ -40,11 +40,6 @@ PHOTOS = [photo(1), photo(2, "jpeg"), b"nonsense"]
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("outputs")
-
-
-@pytest.fixture(scope="module")
 def places(outputs):
     return tiny_places.tiny_checkpoint(outputs / "places" / "checkpoints" / "last.ckpt")
 

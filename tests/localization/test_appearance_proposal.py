@@ -3,12 +3,9 @@ import math
 import pytest
 import torch
 from scipy.stats import chisquare
+from small_worlds import generator
 
 from sextant.localization.appearance_proposal import AppearanceProposal
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def scores(runs=2, images=12, seed=0):

@@ -4,14 +4,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from small_worlds import generator
 
 from sextant.geometry import se2_compose, wrap_angle
 from sextant.localization.belief import Belief
 from sextant.localization.estimate import estimate, mean_over_all
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def cloud(centre, sigma, count=2000, seed=0):

@@ -2,16 +2,13 @@ import math
 
 import pytest
 import torch
+from small_worlds import generator
 
 from sextant.errors import UserError
 from sextant.geometry import se2_between
 from sextant.localization.map_prior import MapPrior, half_spacing
 
 POSES = torch.tensor([[0.0, 0.0, 0.0], [10.0, 0.0, math.pi / 2], [0.0, 20.0, 3.1]], dtype=torch.float64)
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def test_every_image_is_as_likely_as_another():

@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from small_worlds import Told, circle, line, peaks
+from small_worlds import Told, circle, generator, line, peaks
 
 from sextant.errors import UserError
 from sextant.localization.belief import Belief
@@ -27,10 +27,6 @@ KIDNAP = 6
 #: Total variation over boxes of a metre (a hundredth of a turn ... 5 degrees); what is measured with 20,000 particles
 #: is at most 0.035.
 CLOSE = 0.05
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def prior_of(world):

@@ -85,11 +85,12 @@ def test_a_part_is_a_part_of_the_whole(town, random):
 
 def test_frames_of_an_aligned_ride():
     frame, condition = torch.tensor([0, 1, 2, 11, 12, 0]), torch.tensor([0, 0, 0, 0, 0, 1])
-    found = relations(Places.by_frame(frame, condition), Between(1.0, 10.0))
+    places = Places(frame[:, None], condition=condition)
+    found = relations(places, Between(1.0, 10.0))
     assert found.positive[0].tolist() == [False, True, False, False, False, True]
     assert found.negative[0].tolist() == [False, False, False, True, True, False]
     assert found.negative[1].tolist() == [False, False, False, True, True, False]  # from 10 frames on
-    across = relations(Places.by_frame(frame, condition), Between(1.0, 10.0), across_conditions=True)
+    across = relations(places, Between(1.0, 10.0), across_conditions=True)
     assert across.positive[0].tolist() == [False] * 5 + [True]
     assert torch.equal(across.negative, found.negative)
 
@@ -103,7 +104,7 @@ def test_centimetres_are_told_apart_in_utm_coordinates():
 
 
 def test_an_anchor_is_usable_with_a_positive_and_a_negative():
-    places = Places.by_frame(torch.tensor([0, 0, 100, 205, 205]))
+    places = Places(torch.tensor([[0], [0], [100], [205], [205]]))
     assert relations(places, Between(1.0, 10.0)).usable().tolist() == [True, True, False, True, True]
     assert not relations(places, Between(1.0, 1000.0)).usable().any()
 

@@ -125,7 +125,7 @@ def ride(seed, n=40):
     """Two conditions of one ride of n / 2 frames, one of them with stops, and descriptors."""
     frame = torch.arange(n) % (n // 2)
     frame[n // 2 :] = frame[n // 2 :] // 3 * 3
-    return torch.randn(n, 3, generator=seeded(seed)), Places.by_frame(frame, torch.arange(n) // (n // 2))
+    return torch.randn(n, 3, generator=seeded(seed)), Places(frame[:, None], condition=torch.arange(n) // (n // 2))
 
 
 @settings(max_examples=15)
@@ -193,9 +193,9 @@ def test_descriptors_that_are_not_finite_are_refused():
         with pytest.raises(ValueError, match="not finite"):
             mining(broken, relation)
     with pytest.raises(ValueError, match="not finite"):
-        CachedHardMining()(broken, Places.by_frame(torch.arange(4)), PlaceTolerance("frames", 1.0, 2.0))
+        CachedHardMining()(broken, Places(torch.arange(4)[:, None]), PlaceTolerance("frames", 1.0, 2.0))
     with pytest.raises(ValueError, match="4 cached"):
-        CachedHardMining()(broken, Places.by_frame(torch.arange(5)), PlaceTolerance("frames", 1.0, 2.0))
+        CachedHardMining()(broken, Places(torch.arange(5)[:, None]), PlaceTolerance("frames", 1.0, 2.0))
 
 
 @pytest.mark.parametrize(

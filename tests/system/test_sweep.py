@@ -36,11 +36,6 @@ def sweep(monkeypatch, capsys):
 FACTORS = ("backbone=lenet_a,lenet_b", "inhibition=none,push_pull", "seed=0,1,2")
 
 
-@pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("outputs")
-
-
 def test_a_sweep_runs_every_cell_once_and_then_only_what_is_missing(outputs, sweep):
     status, text = sweep(outputs, "backbone=lenet_a", *FACTORS[1:])
     assert (status, "6 runs planned, 0 finished already" in text) == (0, True)

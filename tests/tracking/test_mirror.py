@@ -12,11 +12,6 @@ from sextant.tracking.store import open_store
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("outputs")
-
-
-@pytest.fixture(scope="module")
 def run(outputs):
     return RunDirectory(execute(quick_config(outputs)).directory)
 

@@ -6,10 +6,12 @@ import numpy as np
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's step-down adjusted p-values (Holm 1979); nan entries stay nan and do not count as tests.
+    """Holm's step-down adjusted p-values; nan entries stay nan and do not count as tests.
 
     Of n tests the i-th smallest p is multiplied by n - i + 1, and none is less than that of a smaller one. Written out,
     since statsmodels' ``multipletests`` collects garbage whenever it is called, which takes longer than all else.
+
+    Source: S. Holm, A simple sequentially rejective multiple test procedure, Scand. J. Statistics 6, 1979.
 
     >>> holm([0.01, 0.04, 0.03])  # times 3, 1 and 2; the largest no less than the one before it
     [0.03, 0.06, 0.06]

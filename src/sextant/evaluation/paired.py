@@ -70,6 +70,8 @@ def paired_difference(
     Raises:
         ValueError: the shapes differ or there is no pair.
 
+    Source: Efron & Tibshirani, An introduction to the bootstrap, 1993, section 12.5 (the studentized bootstrap).
+
     >>> found = paired_difference(np.array([81.0, 83.0, 80.0, 84.0]), np.array([80.0, 81.0, 80.5, 82.0]))
     >>> f"{found.mean:+.3f} [{found.low:+.2f}, {found.high:+.2f}], better in {found.wins} of {found.seeds}"
     '+1.125 [-0.75, +3.00], better in 3 of 4'
@@ -141,7 +143,7 @@ def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float =
 
 
 def mean_interval(values: Float[ndarray, "seeds"], confidence: float = 0.95) -> tuple[float, float]:
-    """t interval of a mean over seeds; nan with fewer than two.
+    """t interval ``mean ± t_{S-1} · sd / sqrt(S)`` of a mean over S seeds, in its unit; nan with fewer than two.
 
     >>> low, high = mean_interval(np.array([1.0, 2.0, 3.0]))
     >>> f"{low:.2f} to {high:.2f}"  # 2 ± 4.30 / sqrt(3), wide for three seeds

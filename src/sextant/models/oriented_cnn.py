@@ -71,6 +71,26 @@ class OrientedGradients(nn.Module):
         return torch.cat([cells / local, 0.3 * local.log() + 0.5, F.avg_pool2d(x, self.cell)], 1)
 
 
+def convolutions(channels: int, widths: tuple[int, ...], strides: tuple[int, ...]) -> nn.Sequential:
+    """3x3 convolutions with group normalisation and ReLU.
+
+    Raises:
+        ValueError: a width is not a multiple of 8, or widths and strides differ in number.
+    """
+    if any(width % GROUP for width in widths):
+        raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
+    if len(widths) != len(strides):
+        raise ValueError(f"{len(widths)} widths need as many strides, got {tuple(strides)}")
+    layers: list[nn.Module] = []
+    for before, width, stride in zip((channels, *widths), widths, strides, strict=False):
+        layers += [
+            nn.Conv2d(before, width, 3, stride, padding=1, bias=False),
+            nn.GroupNorm(width // GROUP, width),
+            nn.ReLU(inplace=True),
+        ]
+    return nn.Sequential(*layers)
+
+
 class OrientedCNN(nn.Module):
     """Oriented gradients, then 3x3 convolutions with group normalisation and ReLU, pooled to a small grid.
 
@@ -106,28 +126,15 @@ class OrientedCNN(nn.Module):
         grid: tuple[int, int] = (3, 4),
     ):
         super().__init__()
-        if any(width % GROUP for width in widths):
-            raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
-        if len(widths) != len(strides):
-            raise ValueError(f"{len(widths)} widths need as many strides, got {tuple(strides)}")
         if in_channels < 3:
             raise ValueError(f"oriented gradients need colour images, got {in_channels} channels")
         smallest = tuple(math.ceil(side // cell / math.prod(strides)) for side in image_size)
         if smallest[0] < grid[0] or smallest[1] < grid[1]:
             raise ValueError(f"images of {image_size[0]}x{image_size[1]} are too small for cells of {cell} pixels")
         self.gradients = OrientedGradients(orientations, cell)
-        before = self.gradients.channels(in_channels)
-        layers: list[nn.Module] = []
-        for width, stride in zip(widths, strides, strict=True):
-            layers += [
-                nn.Conv2d(before, width, 3, stride, padding=1, bias=False),
-                nn.GroupNorm(width // GROUP, width),
-                nn.ReLU(inplace=True),
-            ]
-            before = width
-        self.features = nn.Sequential(*layers)
+        self.features = convolutions(self.gradients.channels(in_channels), widths, strides)
         self.grid = (grid[0], grid[1])
-        self.head = nn.Linear(before * grid[0] * grid[1], num_classes)
+        self.head = nn.Linear(widths[-1] * grid[0] * grid[1], num_classes)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Outputs of the last layer for a batch of images."""

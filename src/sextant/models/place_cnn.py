@@ -12,7 +12,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-GROUP = 8
+from sextant.models.oriented_cnn import convolutions
+
 #: contrast, of images in [-1, 1], below which there is none
 FAINT = 0.02
 
@@ -86,24 +87,11 @@ class PlaceCNN(nn.Module):
         window: int | None = 9,
     ):
         super().__init__()
-        if any(width % GROUP for width in widths):
-            raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
-        if len(widths) != len(strides):
-            raise ValueError(f"{len(widths)} widths need as many strides, got {tuple(strides)}")
         if min(image_size) < math.prod(strides):
             raise ValueError(f"images of {image_size[0]}x{image_size[1]} are too small for strides {tuple(strides)}")
         self.contrast = nn.Identity() if window is None else LocalContrast(window)
-        layers: list[nn.Module] = []
-        before = in_channels
-        for width, stride in zip(widths, strides, strict=True):
-            layers += [
-                nn.Conv2d(before, width, 3, stride, padding=1, bias=False),
-                nn.GroupNorm(width // GROUP, width),
-                nn.ReLU(inplace=True),
-            ]
-            before = width
-        self.features = nn.Sequential(*layers)
-        self.head = nn.Linear(before, num_classes)
+        self.features = convolutions(in_channels, widths, strides)
+        self.head = nn.Linear(widths[-1], num_classes)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Outputs of the last layer for a batch of images in [-1, 1]."""

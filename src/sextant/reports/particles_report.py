@@ -174,14 +174,13 @@ def _ratios(results: SweepResults, name: str, sides: Sides, setting: str) -> Ite
             yield RatioRow(name, setting, condition, treatment, control, ratio, len(pairs), dropped)
 
 
-def seed_ratio(first: Curve, second: Curve, *, confidence: float = 0.95, resamples: int = RESAMPLES) -> CountRatio:
-    """The ratio of the particles that two arms need, with a percentile interval over seeds.
+def seed_ratio(first: Curve, second: Curve, *, resamples: int = RESAMPLES) -> CountRatio:
+    """The ratio of the particles that two arms need, with a 95 % percentile interval over seeds.
 
     A seed is drawn with all its runs, which share a trained model and are no replicates of one another.
 
     Args:
         first, second: of the same seeds in the same order.
-        confidence: of the interval.
         resamples: of the bootstrap.
     """
     once = _ratio(first.successes, second.successes, first, second)
@@ -192,12 +191,11 @@ def seed_ratio(first: Curve, second: Curve, *, confidence: float = 0.95, resampl
         for drawn in rng.integers(0, seeds, (resamples, seeds))
     ]
     lower, upper = (np.array([getattr(ratio, end) for ratio in again]) for end in ("least", "most"))
-    tail = (1 - confidence) / 2
     return CountRatio(
         once.least,
         once.most,
-        float(np.quantile(lower, tail, method="lower")),
-        float(np.quantile(upper, 1 - tail, method="higher")),
+        float(np.quantile(lower, 0.025, method="lower")),
+        float(np.quantile(upper, 0.975, method="higher")),
         float((lower != upper).mean()),
     )
 

@@ -84,13 +84,6 @@ class Places:
             if values is not None and not bool(values.isfinite().all()):
                 raise ValueError(f"the {name} of image {int((~values.isfinite()).nonzero()[0, 0])} is not finite")
 
-    @classmethod
-    def by_frame(
-        cls, frame: Real[Tensor, "n"], condition: Int[Tensor, "n"] | None = None, area: Int[Tensor, "n"] | None = None
-    ) -> "Places":
-        """Places along an aligned ride, known by their frame number alone."""
-        return cls(frame[:, None], None, condition, area)
-
     def __len__(self) -> int:
         return len(self.position)
 

@@ -34,3 +34,11 @@ def optimizers(module: pl.LightningModule, factory: OptimizerFactory | None, sch
     epochs = module.trainer.max_epochs or 1
     rates = LambdaLR(optimizer, lambda epoch: schedule(epoch / epochs))
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "epoch"}}
+
+
+def log_training_loss(module: pl.LightningModule, loss: float | None, **others: float) -> None:
+    """Log the mean loss of the last steps, if it is due, with the learning rate and ``others``."""
+    if loss is not None and module.logger is not None:
+        rate = module.trainer.optimizers[0].param_groups[0]["lr"]
+        metrics = {"loss": loss, "learning_rate": rate, **others}
+        module.logger.log_metrics({f"train/{name}": of for name, of in metrics.items()}, step=module.global_step)

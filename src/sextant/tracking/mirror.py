@@ -56,13 +56,13 @@ class MirroredRun:
             self._try(partial(self.store.client.log_batch, self.run_id, metrics=chunk))
         self._flushed = time.monotonic()
 
-    def artifacts(self, path: Path, folder: str | None = None) -> None:
+    def artifacts(self, path: Path) -> None:
         """Copy a file or the files of a folder to the run's artifacts."""
         client = self.store.client
         if path.is_dir():
-            self._try(lambda: client.log_artifacts(self.run_id, str(path), folder or path.name))
+            self._try(lambda: client.log_artifacts(self.run_id, str(path), path.name))
         elif path.is_file():
-            self._try(lambda: client.log_artifact(self.run_id, str(path), folder))
+            self._try(lambda: client.log_artifact(self.run_id, str(path)))
 
     def tags(self, tags: Mapping[str, str]) -> None:
         """Set tags."""

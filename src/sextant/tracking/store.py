@@ -158,14 +158,14 @@ def delete_runs(outputs: Path, run_ids: Sequence[str]) -> None:
             client.delete_run(run_id)
 
 
-def require_server(uri: str, timeout_s: float = 30.0) -> None:
+def require_server(uri: str) -> None:
     """Ask an MLflow server whether it is there.
 
     Raises:
-        UserError: it does not answer within ``timeout_s``; one that many write to at once may take its time.
+        UserError: it does not answer within half a minute; one that many write to at once may take its time.
     """
     try:
-        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=timeout_s).close()
+        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=30.0).close()
     except urllib.error.HTTPError:
         return  # something answers; whether it is MLflow will be seen
     except (OSError, ValueError) as error:

@@ -102,8 +102,9 @@ def drive(
 ) -> Route:
     """A drive through ``nodes`` in the right-hand lane, a quarter of the carriageway from its centre.
 
-    However far it wanders, the car stays on the carriageway. Speed starts and ends at 0 and is the highest within the
-    limits of ``gait``. The seed determines wander and stops; the ideal line depends on the nodes alone.
+    However far it wanders, the car stays on the carriageway, but for corners that it may cut by up to 1.5 m. Speed
+    starts and ends at 0 and is the highest within the limits of ``gait``. The seed determines wander and stops; the
+    ideal line depends on the nodes alone.
 
     Raises:
         UserError: the nodes do not form a route (see `check_nodes`), or the frame rate is not in (0, 1000] Hz.

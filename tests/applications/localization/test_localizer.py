@@ -12,7 +12,7 @@ import pytest
 import torch
 from PIL import Image
 from scipy.ndimage import gaussian_filter
-from tiny_office import office_run, pose_error
+from tiny_office import pose_error
 from tiny_places import tiny_checkpoint
 
 import sextant
@@ -31,11 +31,6 @@ from sextant.localization.tiled_map import TiledMapBuilder
 
 STEP = 0.5
 KERNEL = PoseKernel("rbf", (2.0, 2.0), 1.0, 0.008, 0.002)
-
-
-@pytest.fixture(scope="session")
-def office(tmp_path_factory):
-    return office_run(tmp_path_factory)
 
 
 class Corridor:

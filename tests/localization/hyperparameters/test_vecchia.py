@@ -7,7 +7,7 @@ from localization.observation.smooth_map import KERNEL, poses_in_room, smooth_ma
 
 from sextant.errors import UserError
 from sextant.localization.hyperparameters.joint_likelihood import joint_log_likelihood
-from sextant.localization.hyperparameters.ordering import maxmin_order, random_order
+from sextant.localization.hyperparameters.ordering import random_order
 from sextant.localization.hyperparameters.trainable_kernel import TrainableKernel
 from sextant.localization.hyperparameters.vecchia import Conditioning, preceding_neighbours, vecchia_log_likelihood
 from sextant.localization.pose_kernel import PoseKernel
@@ -129,20 +129,6 @@ def test_a_kernel_trained_with_it_is_near_the_one_trained_with_the_joint_likelih
         frozen = kernel.frozen()
         found.append([*frozen.length, frozen.heading_length, frozen.noise_variance])
     assert found[1] == pytest.approx(found[0], rel=0.15)
-
-
-def test_maxmin_takes_the_middle_first_and_then_what_is_farthest():
-    line = np.array([[0.0], [1.0], [2.0], [3.0], [4.0]])
-    assert maxmin_order(line).tolist()[:3] == [2, 0, 4]
-
-
-@given(st.integers(1, 40), st.integers(0, 1000))
-def test_maxmin_is_a_permutation_with_gaps_that_shrink(images, seed):
-    features = np.random.default_rng(seed).normal(size=(images, 2)).round(1)  # some poses coincide
-    order = maxmin_order(features)
-    assert sorted(order) == list(range(images))
-    gaps = [np.linalg.norm(features[order[:i]] - features[order[i]], axis=1).min() for i in range(1, images)]
-    assert gaps == sorted(gaps, reverse=True)
 
 
 def test_no_neighbour_is_refused():

@@ -2,7 +2,7 @@ import math
 
 import pytest
 import torch
-from small_worlds import Told, peaks
+from small_worlds import Told, generator, peaks
 
 from sextant.errors import UserError
 from sextant.geometry import wrap_angle
@@ -13,10 +13,6 @@ MAP = torch.zeros(40, 3, dtype=torch.float64)
 MAP[:, 0] = torch.arange(40)
 PRIOR = MapPrior(MAP, (0.2, 0.0), 0.0)
 HERE = peaks([(12.0, 1.0)], 0.8, 0, floor=1e-9)
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def test_a_uniform_start_is_the_prior():

@@ -6,6 +6,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from small_worlds import generator
 
 from sextant.errors import UserError
 from sextant.geometry import se2_between, se2_compose, se2_exp, se2_log, wrap_angle
@@ -18,10 +19,6 @@ NOISY = [
 NOISELESS = [ExponentialMotion((0.0, 0.0, 0.0)), OdometryMotion((0.0, 0.0, 0.0, 0.0))]
 motions = st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(-3, 3))
 tiny = st.tuples(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3))
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def start(runs=1, particles=5, seed=0):

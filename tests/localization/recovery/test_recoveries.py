@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 from jaxtyping import TypeCheckError
-from small_worlds import Told, peaks
+from small_worlds import Told, generator, peaks
 
 from sextant.errors import UserError
 from sextant.localization.belief import Belief
@@ -17,10 +17,6 @@ MAP = torch.zeros(50, 3, dtype=torch.float64)
 MAP[:, 0] = torch.arange(50)
 PRIOR = MapPrior(MAP, (0.0, 0.0), 0.0)
 PARTICLES = 200
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def weighed(*functions, particles=PARTICLES, seen=None):

@@ -109,6 +109,60 @@ def test_without_odometry_a_window_changes_nothing():
     assert abs(float(masses[0][0] - masses[1][0])) > 0.01
 
 
+def nothing(poses):
+    return torch.zeros(poses.shape[:-1], dtype=torch.float64)
+
+
+def masses_of_restarts(steps, runs=1, window=4):
+    """Of images that tell nothing, for steps of motions (or None) and whether each run sees (or None: nobody does)."""
+    recovery, masses = BayesRestart(0.01, 0.1, window=window), []
+    memory = recovery.memory(runs)
+    for motion, seen in steps:
+        if motion is not None:
+            memory = recovery.moved(memory, motion)
+        if seen is None:
+            continue
+        step = Weighed.of(Belief.uniform(MAP[None].repeat(runs, 1, 1)), Told([nothing] * runs, MAP), seen)
+        injection, memory = recovery.inject(step, PRIOR, memory, torch.Generator().manual_seed(0))
+        masses.append([round(float(mass), 6) for mass in injection.log_weights.exp().sum(1)])
+    return masses
+
+
+def test_a_run_that_sees_every_other_image_has_a_window_of_its_own():
+    forward = rows((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    together = masses_of_restarts([(forward, torch.tensor([True, k % 2 == 0])) for k in range(12)], runs=2)
+    assert [mass for mass, _ in together[5:]] == pytest.approx([0.01] * 7, rel=0.01)
+    assert [mass for _, mass in together[8::2]] == pytest.approx([0.01] * 2, rel=0.01)
+
+
+def test_once_odometry_is_there_again_a_kidnapping_counts_once():
+    """In the step after the gap whole, then in n + 1 steps a part each, of those after it alone."""
+    everyone, forward, unknown = torch.tensor([True]), rows((1.0, 0.0, 0.0)), rows((math.nan, 0.0, 0.0))
+    masses = masses_of_restarts([(forward, everyone)] * 6 + [(unknown, everyone)] + [(forward, everyone)] * 6)
+    expected = [0.002, 0.004, 0.006, 0.008, 0.01, 0.01, 0.01, 0.002, 0.004, 0.006, 0.008, 0.01, 0.01]
+    assert [mass for (mass,) in masses] == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("between", [[], [(None, None)], [(rows((1.0, 0.0, 0.0)), None)]])
+def test_a_motion_is_unknown_until_the_next_image_whatever_follows_it(between):
+    everyone, unknown = torch.tensor([True]), rows((math.nan, 0.0, 0.0))
+    masses = masses_of_restarts([(unknown, None), *between, (None, everyone), (None, everyone), (None, everyone)])
+    assert [mass for (mass,) in masses] == pytest.approx([0.01, 0.002, 0.004], rel=0.01)
+
+
+def test_a_restart_that_has_no_likelihood_does_not_take_the_image_from_the_trail():
+    def partly(poses):
+        return torch.where(poses[..., 1].abs() > 0.2, math.nan, nothing(poses))
+
+    recovery = BayesRestart(0.01, 0.5, window=4)
+    prior = MapPrior(MAP, (0.2, 0.2), 0.0)
+    step = Weighed.of(Belief.uniform(MAP[None].clone()), Told([partly], MAP), None)
+    injection, memory = recovery.inject(step, prior, recovery.memory(1), torch.Generator().manual_seed(0))
+    assert (injection.log_weights == -math.inf).any()
+    assert not injection.log_weights.isnan().any()
+    assert memory.passed[0].counts.tolist() == [True]
+
+
 def frames_until_found(window, seed):
     """A robot of 200 particles, sure of a wrong place; each image looks like the true place and like 80 others."""
     chance = torch.Generator().manual_seed(seed)
@@ -134,6 +188,7 @@ def test_a_window_finds_a_robot_whose_every_image_looks_like_many_places():
     assert sum(window) < sum(alone) / 2
 
 
-def test_a_negative_window_is_refused():
-    with pytest.raises(UserError, match="window=-1 must be at least 0"):
-        BayesRestart(window=-1)
+@pytest.mark.parametrize("window", [-1, 2.5, True, "3"])
+def test_a_window_that_is_no_number_of_images_is_refused(window):
+    with pytest.raises(UserError, match=f"window={window!r} must be a whole number, at least 0"):
+        BayesRestart(window=window)

@@ -7,6 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare
+from small_worlds import generator
 
 from sextant.localization.resampling import (
     MultinomialResampling,
@@ -22,10 +23,6 @@ weight_lists = st.lists(st.floats(-30, 3), min_size=1, max_size=25)
 @pytest.fixture(params=ALL, ids=["systematic", "stratified", "residual", "multinomial"])
 def resampling(request):
     return request.param
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def offspring(resampling, log_weights, count, runs=1, seed=0):

@@ -4,13 +4,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from small_worlds import generator
 
 from sextant.localization.resampling import thin
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
-
 
 weight_lists = st.lists(st.floats(-25, 3) | st.just(-1.0), min_size=1, max_size=40)
 

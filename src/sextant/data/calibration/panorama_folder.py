@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
@@ -15,13 +15,13 @@ from numpy import ndarray
 
 from sextant.data.calibration.panorama_images import SMALLEST_HEIGHT, UnfitImageError, decode_panorama
 from sextant.data.calibration.panoramas import SPLITS, Panoramas, Split
+from sextant.data.places.image_files import SUFFIXES, image_paths
 from sextant.data.rendered.disk import reporting_disk_errors
 from sextant.data.rendered.progress import notify_every
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import ArgumentError
 from sextant.kept_array import keep_array, open_kept
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
 #: changes when the same files would be decoded into other pixels
 DECODER = 1
 #: bad files that a message names
@@ -100,7 +100,7 @@ class PanoramaFolder:
 
     @cached_property
     def _files(self) -> dict[Split, list[Path]]:
-        paths = sorted(_images(self.folder))
+        paths = sorted(image_paths(self.folder))
         scenes: dict[str, list[Path]] = {}
         for path in paths:
             scenes.setdefault(self.scene(path), []).append(path)
@@ -198,8 +198,3 @@ def split_scenes(sizes: Mapping[str, int], fractions: Mapping[Split, float], see
         lacking[side[scene]] -= sizes[scene]
         empty.discard(side[scene])
     return side
-
-
-def _images(folder: Path) -> Iterator[Path]:
-    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
-    return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))

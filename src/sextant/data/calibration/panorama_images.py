@@ -8,6 +8,8 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
+from sextant.data.places.image_files import eight_bits
+
 #: what is decoded; no format whose decoder runs another program (EPS) is among them
 FORMATS = ("JPEG", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF")
 #: width over height may differ from 2 by this share
@@ -37,7 +39,7 @@ def decode_panorama(path: Path, height: int) -> UInt8[ndarray, "height 2*height 
             with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
                 _check_shape(image)
                 image.draft("RGB", (2 * height, height))
-                upright = _rgb(ImageOps.exif_transpose(image))
+                upright = eight_bits(ImageOps.exif_transpose(image)).convert("RGB")
                 return np.asarray(upright.resize((2 * height, height), Image.Resampling.LANCZOS, reducing_gap=3.0))
     except UnfitImageError:
         raise
@@ -55,15 +57,3 @@ def _check_shape(image: Image.Image) -> None:
         raise UnfitImageError(f"is {width} x {height} pixels, a full panorama is twice as wide as high")
     if height < SMALLEST_HEIGHT:
         raise UnfitImageError(f"is {width} x {height} pixels, at least {SMALLEST_HEIGHT} rows are needed")
-
-
-def _rgb(image: Image.Image) -> Image.Image:
-    """In 8-bit RGB."""
-    if image.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
-        return Image.fromarray((np.asarray(image).clip(0, 65535) >> 8).astype(np.uint8)).convert("RGB")
-    if image.mode == "F":
-        raise UnfitImageError("holds floating-point values whose white level is unknown: convert it to 8 or 16 bits")
-    if image.mode in ("LA", "PA", "La", "RGBa", "RGBA") or "transparency" in image.info:
-        layer = image.convert("RGBA")
-        return Image.alpha_composite(Image.new("RGBA", layer.size, (0, 0, 0, 255)), layer).convert("RGB")
-    return image.convert("RGB")

@@ -8,7 +8,6 @@ from typing import Literal
 from sextant.errors import ArgumentError
 
 Split = Literal["map", "validation", "test"]
-SPLITS: tuple[Split, ...] = ("map", "validation", "test")
 
 
 @dataclass(frozen=True)

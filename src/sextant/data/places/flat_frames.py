@@ -20,16 +20,14 @@ STILL_DIFFERENCE = 3.0
 CHUNK = 512
 
 
-def flat_frames(images: ImageRows, below: float = FLAT_SD) -> Bool[ndarray, "n"]:
-    """Whether the intensities of each image have a standard deviation below ``below``."""
+def flat_frames(images: ImageRows) -> Bool[ndarray, "n"]:
+    """Whether the intensities of each image have a standard deviation below :data:`FLAT_SD`."""
     parts = [_grey(images, np.arange(start, min(start + CHUNK, len(images)))) for start in range(0, len(images), CHUNK)]
-    return np.concatenate([part.std((1, 2)) < below for part in parts] or [np.zeros(0, bool)])
+    return np.concatenate([part.std((1, 2)) < FLAT_SD for part in parts] or [np.zeros(0, bool)])
 
 
-def still_frames(
-    images: ImageRows, traverse: Int64[ndarray, "n"], frame: Int64[ndarray, "n"], below: float = STILL_DIFFERENCE
-) -> Bool[ndarray, "n"]:
-    """Whether each image differs by less than ``below`` from the frame before in its traverse, if that is there."""
+def still_frames(images: ImageRows, traverse: Int64[ndarray, "n"], frame: Int64[ndarray, "n"]) -> Bool[ndarray, "n"]:
+    """Whether each image is *still*: False where the frame before it in its traverse is not there."""
     order = np.lexsort([frame, traverse])
     before, after = order[:-1], order[1:]
     follows = (traverse[before] == traverse[after]) & (frame[before] + 1 == frame[after])
@@ -38,7 +36,7 @@ def still_frames(
     for start in range(0, len(after), CHUNK):
         part = slice(start, start + CHUNK)
         difference = np.abs(_grey(images, after[part]) - _grey(images, before[part])).mean((1, 2))
-        still[after[part]] = difference < below
+        still[after[part]] = difference < STILL_DIFFERENCE
     return still
 
 

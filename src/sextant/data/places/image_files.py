@@ -29,7 +29,13 @@ def require_sides(image: Image.Image) -> None:
 
 def images_below(folder: Path) -> list[Path]:
     """All image files below a folder, hidden ones left out; ``image2`` comes before ``image10``."""
-    return sorted(_images(folder), key=lambda path: natural_key(path.relative_to(folder).as_posix()))
+    return sorted(image_paths(folder), key=lambda path: natural_key(path.relative_to(folder).as_posix()))
+
+
+def image_paths(folder: Path) -> Iterator[Path]:
+    """:func:`images_below`, in no order."""
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
 
 
 def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
@@ -74,13 +80,18 @@ def picture_bytes(
     Raises:
         ValueError: the white level of its values is unknown.
     """
-    picture = _eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")
+    picture = eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")
     if picture.size != (width, height):
         picture = picture.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=3.0)
     return np.asarray(picture).reshape(height, width, channels)
 
 
-def _eight_bits(image: Image.Image) -> Image.Image:
+def eight_bits(image: Image.Image) -> Image.Image:
+    """A picture of 8 bits, without transparency: black shows through.
+
+    Raises:
+        ValueError: the white level of its values is unknown.
+    """
     if image.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
         return Image.fromarray((np.asarray(image).clip(0, 65535) >> 8).astype(np.uint8))
     if image.mode == "F":
@@ -89,8 +100,3 @@ def _eight_bits(image: Image.Image) -> Image.Image:
         layer = image.convert("RGBA")
         return Image.alpha_composite(Image.new("RGBA", layer.size, (0, 0, 0, 255)), layer)
     return image
-
-
-def _images(folder: Path) -> Iterator[Path]:
-    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
-    return (path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))

@@ -49,6 +49,10 @@ def corruption_differences(
 
     With a single seed there are wins, but no intervals: they are nan.
 
+    Args:
+        treatment, control: errors by corruption, both in one unit, such as per cent; seeds in the same order.
+        confidence: coverage of the intervals, in (0, 1).
+
     Raises:
         ValueError: the arms have other corruptions or numbers of seeds, or none.
 

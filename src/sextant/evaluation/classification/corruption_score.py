@@ -78,6 +78,8 @@ def corruption_score(
     """E, mCE and mean relative CE of a model over a set of corruptions, relative to a baseline.
 
     Args:
+        errors: of the model, as shares.
+        baseline: whose errors the ratios divide by; see the module.
         corruptions: names of the set, such as :data:`BENCHMARK_15`; by default all that the model was tested on.
 
     Raises:

@@ -53,6 +53,11 @@ def particles_needed(
 ) -> float:
     """The smallest count at which a share of at least ``level`` of the seeds succeeds; inf if none does.
 
+    Args:
+        counts: of particles, ascending.
+        successes: by count and seed.
+        level: in (0, 1].
+
     Raises:
         ValueError: counts do not ascend, there is no seed, or the level is not in (0, 1].
 

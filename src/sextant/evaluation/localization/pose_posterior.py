@@ -78,7 +78,7 @@ def nees(
     """Normalized estimation error squared of each pose; inf where an error lies in a direction of no variance.
 
     Args:
-        truth, mean: poses.
+        truth, mean: poses: x and y in metres, heading in radians.
         covariance: symmetric, in metres and radians.
         axes: coordinates that count: ``PLANE``, ``POSITION`` or ``RAILWAY``.
 
@@ -144,10 +144,10 @@ def particle_nll(
     background: float = 0.0,
     background_density: float = 0.0,
 ) -> Float[ndarray, "*n"]:
-    """Negative log density of the true pose under a kernel density of the particles in nats.
+    """Negative log density of the true pose under a kernel density of the particles in nats; see the module.
 
     Args:
-        truth: poses.
+        truth: poses: x and y in metres, heading in radians.
         poses: of the particles.
         log_weights: up to a constant.
         bandwidth_m: standard deviation of the kernel along each axis.

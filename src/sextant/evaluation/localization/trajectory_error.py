@@ -76,7 +76,7 @@ def absolute_errors(
     """The error of each pose: metres, or degrees of rotation in [0, 180].
 
     Args:
-        reference, estimate: poses of the same frames.
+        reference, estimate: poses of the same frames: x, y (metres) and heading (radians), or 4 x 4 matrices.
         alignment: what the estimate may be moved by first.
         part: of the error.
 
@@ -109,7 +109,7 @@ def relative_errors(
     """The error of the motion between each pair of poses ``delta`` apart: metres, or degrees in [0, 180].
 
     Args:
-        reference, estimate: poses of the same frames.
+        reference, estimate: poses of the same frames: x, y (metres) and heading (radians), or 4 x 4 matrices.
         delta: distance between the poses of a pair.
         unit: frames, or metres along the path.
         all_pairs: pairs start at every pose, and in metres end at the later pose nearest to ``delta``, if that is

@@ -9,12 +9,11 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, to_hex
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from numpy import ndarray
 
-from sextant.figures.style import COLOURS, new_figure
+from sextant.figures.style import COLOURS
 
 TRUTH, ESTIMATE, MAP, WALLS, WEIGHTS = COLOURS[2], COLOURS[1], "#a5a39c", "#55534c", "plasma_r"
 #: Weights are coloured over so many orders of magnitude below the largest.
@@ -54,31 +53,6 @@ class ParticleFrame:
     there: UInt8[ndarray, "h w c"] | None = None
 
 
-def particle_map(
-    map_positions: Float[ndarray, "n 2"], frame: ParticleFrame, *, width: float = 6.0, unit: str = "m"
-) -> Figure:
-    """Where the map's images are, the particles with their weights, the estimate and the truth.
-
-    Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. A stroke
-    points along the heading of each of the 300 heaviest, an arrow along that of the estimate and of the truth.
-
-    Args:
-        map_positions: of its images.
-        frame: the moment.
-        width: of the figure in inches.
-        unit: of positions, such as frames along a railway.
-
-    Raises:
-        ValueError: the map has no position.
-    """
-    if len(map_positions) == 0:
-        raise ValueError("the figure needs a map with at least one position")
-    figure, (axes,) = new_figure(width, map_height(map_positions, width))
-    draw_map(axes, map_positions, unit)
-    draw_frame(axes, frame)
-    return figure
-
-
 def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
     """Height in inches that suits a figure of a map, its labels included."""
     across, along = np.subtract(*reversed(_bounds(map_positions)))
@@ -93,7 +67,7 @@ def draw_map(
     Args:
         axes: to draw on.
         map_positions: of its images.
-        unit: of positions.
+        unit: of positions, such as frames along a railway.
         walls: points on walls, such as the occupied cells of a grid, if they are known.
     """
     (left, bottom), (right, top) = _bounds(map_positions if walls is None else np.vstack([map_positions, walls]))
@@ -110,7 +84,11 @@ def draw_map(
 
 
 def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
-    """Draw what changes from frame to frame on axes with a map, and return its artists (but for the title)."""
+    """Draw what changes from frame to frame on axes with a map, and return its artists (but for the title).
+
+    Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. A stroke
+    points along the heading of each of the 300 heaviest, an arrow along that of the estimate and of the truth.
+    """
     arrow_m = 0.06 * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     order = np.argsort(frame.log_weights)
     share = np.exp(np.maximum(frame.log_weights - frame.log_weights.max(), -DECADES * np.log(10)))

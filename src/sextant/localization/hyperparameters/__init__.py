@@ -1,7 +1,7 @@
 """The kernel's hyper-parameters: positive, differentiable, and the likelihoods that choose them."""
 
 from sextant.localization.hyperparameters.joint_likelihood import joint_log_likelihood
-from sextant.localization.hyperparameters.ordering import maxmin_order, random_order
+from sextant.localization.hyperparameters.ordering import random_order
 from sextant.localization.hyperparameters.trainable_kernel import TrainableKernel
 from sextant.localization.hyperparameters.vecchia import Conditioning, vecchia_log_likelihood
 
@@ -9,7 +9,6 @@ __all__ = [
     "Conditioning",
     "TrainableKernel",
     "joint_log_likelihood",
-    "maxmin_order",
     "random_order",
     "vecchia_log_likelihood",
 ]

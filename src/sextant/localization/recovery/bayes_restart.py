@@ -20,8 +20,8 @@ out before the next images could tell. With a *window* of n observations the rob
 of the last n + 1, and a restart is weighed by all that it would have seen on its way since
 (:mod:`~sextant.localization.recovery.trail`): :math:`\log w` gains :math:`\log T(x) - \log(n + 1)`. What a wrong
 street and the true one looked like from the start of the window on is then compared in a single step. One kidnapping is
-thought of in n + 1 steps, and counts for one part in n + 1 in each; where the motion is unknown there is one step alone
-to think of it, and it counts whole.
+considered in n + 1 steps, and counts for one part in n + 1 in each; where the motion before an observation is unknown,
+it can be considered in that step alone, and counts whole.
 """
 
 import math
@@ -66,8 +66,8 @@ class BayesRestart(Recovery):
     def __post_init__(self) -> None:
         check_share("hazard", self.hazard)
         check_share("share", self.share)
-        if self.window < 0:
-            raise ArgumentError(f"window={self.window} must be at least 0", "For example window=20")
+        if isinstance(self.window, bool) or not isinstance(self.window, int) or self.window < 0:
+            raise ArgumentError(f"window={self.window!r} must be a whole number, at least 0", "For example window=20")
 
     def memory(self, runs: int, device: torch.device | None = None) -> Trail:
         """Nothing was seen yet."""
@@ -113,4 +113,5 @@ class BayesRestart(Recovery):
             alone = torch.zeros_like(weighed.seen) if trail.unknown is None else trail.unknown
             parts = torch.where(alone, 0.0, math.log(self.window + 1))[:, None]
             log_weights = log_weights + trail.log_worth(poses) - parts
+        log_weights = torch.where(log_weights.isfinite(), log_weights, -torch.inf)
         return Injection(poses, log_weights, count, poses.new_full(count.shape, math.log1p(-self.hazard)))

@@ -1,12 +1,11 @@
 r"""The last observations, joined by odometry: what a robot would have seen on its way to where it may be now.
 
 A robot that was carried off before the observation at τ and stands at x now has come by the poses
-:math:`x_k = x \circ u_{k:t}^{-1}`, with u the odometry since step k. Against the belief, which had foreseen the
-observations with :math:`C_k = p(z_k \mid z_{1:k-1})`, that is worth
+:math:`x_k = x \circ u_{k:t}^{-1}`, with u the odometry since step k. The belief had foreseen the observations with
+:math:`C_k = p(z_k \mid z_{1:k-1})`. Summed over the last n + 1 observations before which the robot may have been
+carried off, its being at x is worth
 
-.. math:: T(x) = \sum_{\tau=t-n}^{t} \prod_{k=\tau}^{t-1} \frac{e^{l(z_k \mid x_k)}}{C_k} :
-
-whenever in the last n observations it was carried off.
+.. math:: T(x) = \sum_{\tau=t-n}^{t} \prod_{k=\tau}^{t-1} \frac{e^{l(z_k \mid x_k)}}{C_k}.
 """
 
 from dataclasses import dataclass, replace
@@ -28,12 +27,14 @@ class Passed:
         log_evidence: :math:`\log C_k` of the belief then.
         since: the motion since then, in the robot's frame then.
         counts: in which runs something was seen, and the motion since is known.
+        begins: in which runs the robot may have been carried off just before, and this was not yet counted whole.
     """
 
     evidence: Evidence
     log_evidence: Float64[Tensor, "r"]
     since: Float64[Tensor, "r 3"]
     counts: Bool[Tensor, "r"]
+    begins: Bool[Tensor, "r"]
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,8 @@ class Trail:
     """What was seen, the latest last.
 
     Attributes:
-        passed: at most n observations.
-        unknown: in which runs the last motion is unknown; None before the first.
+        passed: of each run at most n observations.
+        unknown: in which runs the motion since the last observation is unknown; None before the first.
     """
 
     passed: tuple[Passed, ...] = ()
@@ -53,14 +54,23 @@ class Trail:
         known = motion.isfinite().all(1)
         motion = motion.nan_to_num(0.0, 0.0, 0.0)
         passed = (replace(one, since=se2_compose(one.since, motion), counts=one.counts & known) for one in self.passed)
-        return Trail(tuple(passed), ~known)
+        unknown = ~known if self.unknown is None else self.unknown | ~known
+        return Trail(tuple(one for one in passed if one.counts.any()), unknown)
 
     def seen(
         self, evidence: Evidence, log_evidence: Float64[Tensor, "r"], seen: Bool[Tensor, "r"], most: int
     ) -> "Trail":
-        """With one observation more, of which the ``most`` latest are kept."""
-        now = Passed(evidence, log_evidence, log_evidence.new_zeros(len(seen), 3), seen & log_evidence.isfinite())
-        return replace(self, passed=(*self.passed, now)[-most:])
+        """With one observation more, of which each run keeps its ``most`` latest."""
+        unknown = torch.zeros_like(seen) if self.unknown is None else self.unknown
+        still = log_evidence.new_zeros(len(seen), 3)
+        now = Passed(evidence, log_evidence, still, seen & log_evidence.isfinite(), ~unknown)
+        kept, later = [], torch.zeros_like(seen, dtype=torch.int64)
+        for one in (now, *reversed(self.passed)):
+            counts = one.counts & (later < most)
+            later = later + one.counts
+            if counts.any():
+                kept.append(replace(one, counts=counts))
+        return Trail(tuple(reversed(kept)), unknown & ~seen)
 
     def log_worth(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
         """log T of poses now."""
@@ -70,5 +80,5 @@ class Trail:
             told = one.evidence.log_likelihood(se2_compose(poses, se2_inverse(one.since)[:, None]))
             told = torch.where(told.isfinite(), told - one.log_evidence[:, None], -torch.inf)
             total = total + torch.where(one.counts[:, None], told, 0.0)
-            worth = torch.where(one.counts[:, None], torch.logaddexp(worth, total), worth)
+            worth = torch.where((one.counts & one.begins)[:, None], torch.logaddexp(worth, total), worth)
         return worth

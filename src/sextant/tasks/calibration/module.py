@@ -20,7 +20,7 @@ from sextant.losses import CameraLoss
 from sextant.losses.bearing import bearing_grid
 from sextant.models import CalibrationNet
 from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
-from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
 from sextant.tasks.step_losses import StepLosses
 
 
@@ -93,7 +93,7 @@ class Calibration(CameraNetwork, pl.LightningModule):
             error = (reported(self.decoded(values, batch.aspect)) - reported(batch.cameras)).abs()
         # the likelihood of Laplace's distribution: smallest where the scale is the mean absolute error
         expected = batch.weight * (output.log_scale + error * torch.exp(-output.log_scale)).mean()
-        self._log_training_loss(self.step_losses.add(self.global_step, loss))
+        log_training_loss(self, self.step_losses.add(self.global_step, loss))
         total: Tensor = (
             loss + expected
         )  # the heads of ``expected`` are fed features without gradient: the sum couples nothing
@@ -101,18 +101,13 @@ class Calibration(CameraNetwork, pl.LightningModule):
 
     def on_train_epoch_end(self) -> None:
         """Look at the losses since the last logged one, so that no epoch ends unseen."""
-        self._log_training_loss(self.step_losses.flush())
+        log_training_loss(self, self.step_losses.flush())
 
     def configure_gradient_clipping(self, optimizer: Optimizer, *arguments: Any, **options: Any) -> None:
         """Clip the gradients of the network and of the expected errors apart, so that neither slows the other."""
         expected = set(self.network.scales.parameters())
         clip_grad_norm_([p for p in self.parameters() if p not in expected], self.clip)
         clip_grad_norm_(expected, self.clip)
-
-    def _log_training_loss(self, loss: float | None) -> None:
-        if loss is not None and self.logger is not None:
-            rate = self.trainer.optimizers[0].param_groups[0]["lr"]
-            self.logger.log_metrics({"train/loss": loss, "train/learning_rate": rate}, step=self.global_step)
 
     def configure_optimizers(self) -> Any:
         """The optimiser, with the schedule stepped once an epoch."""

@@ -16,7 +16,7 @@ from sextant.layers import implementations, skipped
 from sextant.models import network_cost
 from sextant.tasks.classification.report import condition_metrics
 from sextant.tasks.classification.result import ClassificationResult
-from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
 from sextant.tasks.step_losses import StepLosses
 
 
@@ -61,17 +61,12 @@ class Classification(pl.LightningModule):
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Cross-entropy of a batch."""
         loss = batch.weight * F.cross_entropy(self(batch.images_in_unit_range()), batch.labels)
-        self._log_training_loss(self.step_losses.add(self.global_step, loss))
+        log_training_loss(self, self.step_losses.add(self.global_step, loss))
         return loss
 
     def on_train_epoch_end(self) -> None:
         """Look at the losses since the last logged one, so that no epoch ends unseen."""
-        self._log_training_loss(self.step_losses.flush())
-
-    def _log_training_loss(self, loss: float | None) -> None:
-        if loss is not None and self.logger is not None:
-            rate = self.trainer.optimizers[0].param_groups[0]["lr"]
-            self.logger.log_metrics({"train/loss": loss, "train/learning_rate": rate}, step=self.global_step)
+        log_training_loss(self, self.step_losses.flush())
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Count correct predictions and add up the loss."""

@@ -14,7 +14,7 @@ from sextant.evaluation import classification_converged
 from sextant.tasks.cosfire.estimator import CosfireEstimator
 from sextant.tasks.cosfire.filter_prototypes import NoFilterError
 from sextant.tasks.cosfire.result import RecognitionResult
-from sextant.tasks.optimizing import OptimizerFactory, Schedule, nothing_to_optimize, optimizers
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, log_training_loss, nothing_to_optimize, optimizers
 from sextant.tasks.step_losses import StepLosses
 
 
@@ -53,22 +53,17 @@ class CosfireRecognition(pl.LightningModule):
             self.optimizers().step()  # type: ignore[union-attr]
             return None
         loss = F.cross_entropy(self.estimator.network(batch.images_in_unit_range()), batch.labels)
-        self._log_training_loss(self.step_losses.add(self.global_step, loss))
+        log_training_loss(self, self.step_losses.add(self.global_step, loss))
         return loss
 
     def on_train_epoch_end(self) -> None:
         """Log what is left; fit to the examples when the last epoch is done."""
-        self._log_training_loss(self.step_losses.flush())
+        log_training_loss(self, self.step_losses.flush())
         if self.trainer.current_epoch + 1 == self.trainer.max_epochs:
             was = self.training
             self.eval()
             self._fit()
             self.train(was)
-
-    def _log_training_loss(self, loss: float | None) -> None:
-        if loss is not None and self.logger is not None:
-            rate = self.trainer.optimizers[0].param_groups[0]["lr"]
-            self.logger.log_metrics({"train/loss": loss, "train/learning_rate": rate}, step=self.global_step)
 
     def _fit(self) -> None:
         """Fit to the examples; a network that has learnt little is named as what may be to blame for a failure."""

@@ -64,10 +64,10 @@ def recognition_figures(
         yield f"errors_{method}", errors
 
 
-def first_filters(labels: Int64[Tensor, "f"], most: int = DRAWN) -> list[int]:
+def first_filters(labels: Int64[Tensor, "f"]) -> list[int]:
     """The first filter of each of some classes, evenly chosen among the classes."""
     classes, of_filter = torch.unique(labels, return_inverse=True)
-    rows = np.unique(np.linspace(0, len(classes) - 1, min(most, len(classes))).round().astype(int))
+    rows = np.unique(np.linspace(0, len(classes) - 1, min(DRAWN, len(classes))).round().astype(int))
     return [int((of_filter == row).nonzero()[0, 0]) for row in rows.tolist()]
 
 

@@ -25,7 +25,7 @@ from sextant.losses.place_loss import Pairing
 from sextant.models.place_net import PlaceNet
 from sextant.retrieval import CachedHardMining, Mining, NoMining, gathered, relations
 from sextant.retrieval.nearest import nearest_neighbours
-from sextant.tasks.optimizing import OptimizerFactory, Schedule, optimizers
+from sextant.tasks.optimizing import OptimizerFactory, Schedule, log_training_loss, optimizers
 from sextant.tasks.over_processes import over_processes
 from sextant.tasks.places.whitening import Whitening, solve_projection
 from sextant.tasks.step_losses import StepLosses
@@ -118,7 +118,7 @@ class PlaceRecognition(pl.LightningModule):
             relation = relations(batch_places(batch, tolerance), tolerance)
             pairing = relation if isinstance(mining, NoMining) else mining(descriptors, relation, generator).triplets
         value, active = self.loss(descriptors, pairing)
-        self._log_training_loss(self.step_losses.add(self.global_step, value), float(active))
+        log_training_loss(self, self.step_losses.add(self.global_step, value), active=float(active))
         return value  # type: ignore[no-any-return]
 
     def _next_triplets(
@@ -151,17 +151,10 @@ class PlaceRecognition(pl.LightningModule):
 
     def on_train_epoch_end(self) -> None:
         """Look at the losses since the last logged one, so that no epoch ends unseen; whiten after the last."""
-        self._log_training_loss(self.step_losses.flush())
+        log_training_loss(self, self.step_losses.flush())
         last = self.trainer.should_stop or self.trainer.current_epoch + 1 == self.trainer.max_epochs
         if self.whitening is not None and last:
             solve_projection(self.network, self._data.split("train"), self._data.tolerance, self.whitening)
-
-    def _log_training_loss(self, loss: float | None, active: float | None = None) -> None:
-        if loss is None or self.logger is None:
-            return
-        rate = self.trainer.optimizers[0].param_groups[0]["lr"]
-        metrics = {"train/loss": loss, "train/learning_rate": rate}
-        self.logger.log_metrics(metrics | ({} if active is None else {"train/active": active}), step=self.global_step)
 
     def configure_gradient_clipping(
         self, optimizer: Optimizer, gradient_clip_val: Any = None, gradient_clip_algorithm: Any = None

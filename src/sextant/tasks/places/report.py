@@ -41,7 +41,6 @@ class MethodResult:
         curve: precision against recall of the best matches.
         hit: whether the best match of each query is right.
         sequence_hit: the same by sequences.
-        posterior: over the map, with a temperature fitted on the validation split; None without one.
     """
 
     described: Described
@@ -50,7 +49,6 @@ class MethodResult:
     curve: PrecisionRecall
     hit: Bool[ndarray, "m"]
     sequence_hit: Bool[ndarray, "m"]
-    posterior: PlacePosterior | None = None
 
 
 @dataclass(frozen=True)
