@@ -17,6 +17,7 @@ settings.load_profile("sextant")
 TOGETHER = {
     "tests/applications/localization/test_localizer.py": "a run in the office",
     "tests/cli/test_predict_localization.py": "a run in the office",
+    "tests/cli/test_localize.py": "a run in the office",
     "tests/tasks/cosfire/test_cosfire.py": "a run on the digits",
     "tests/cli/test_predict_cosfire.py": "a run on the digits",
 }

@@ -1,8 +1,9 @@
-"""A test that takes long fails unless it is marked slow; compiling a kernel for the first time is not counted."""
+"""A test that takes long and is not marked slow is warned of; compiling a kernel for the first time is not counted."""
 
 import subprocess
 import sys
 import time
+import warnings
 
 import joblib
 import numba
@@ -17,24 +18,18 @@ def work(seconds):
 
 
 def test_work_of_its_own_counts():
-    with (
-        pytest.raises(pytest.fail.Exception, match=r"took 0\.\d CPU seconds, at most 0\.2: shorten it"),
-        time_limit(0.2),
-    ):
-        work(0.5)
-
-
-def test_what_a_slower_machine_explains_is_a_warning():
-    with pytest.warns(pytest.PytestWarning, match=r"took 0\.\d CPU seconds, at most 0\.2"), time_limit(0.2):
-        work(0.25)
+    told = r"took 0\.\d CPU seconds, at most 0\.2: shorten it, or mark it slow"
+    with pytest.warns(pytest.PytestWarning, match=told), time_limit(0.2):
+        work(0.3)
 
 
 def test_work_of_a_child_counts():
-    code = "import time\nwhile time.process_time() < 0.7: pass"
-    with pytest.raises(pytest.fail.Exception), time_limit(0.3):
+    code = "import time\nwhile time.process_time() < 0.4: pass"
+    with pytest.warns(pytest.PytestWarning), time_limit(0.3):
         subprocess.run([sys.executable, "-S", "-c", code], check=True)
 
 
+@pytest.mark.filterwarnings("error")
 def test_waiting_and_compiling_do_not_count():
     numba.njit(lambda x: x + 1)(1)  # what the compiler sets up once
     with time_limit(0.2):
@@ -47,9 +42,10 @@ def test_workers_count_where_they_worked():
         joblib.Parallel(2)(joblib.delayed(work)(1.5) for _ in range(2))
         end_workers()
 
-    with pytest.raises(pytest.fail.Exception), time_limit(1.2):
+    with pytest.warns(pytest.PytestWarning), time_limit(2.0):
         ends_its_workers()
-    with time_limit(2.0):  # there are new ones
+    with warnings.catch_warnings(), time_limit(2.0):  # there are new ones
+        warnings.simplefilter("error")
         assert joblib.Parallel(2)(joblib.delayed(abs)(-x) for x in range(2)) == [0, 1]
 
 

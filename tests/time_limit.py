@@ -11,8 +11,6 @@ from numba.core.event import install_timer
 
 #: no limit for as many examples as somebody asked for
 LONGEST_S = math.inf if "SEXTANT_EXAMPLES" in os.environ else 10.0
-#: Machines differ by about as much: what takes up to twice as long is listed among the warnings, and does not fail.
-SLOWEST_MACHINE = 2.0
 
 
 def cpu_seconds():
@@ -23,16 +21,14 @@ def cpu_seconds():
 
 @contextmanager
 def time_limit(longest_s=LONGEST_S):
-    """Warn of a test that takes longer, fail one that takes twice as long. The first one to compile a kernel did not
-    choose to be the first.
+    """Warn of a test that takes longer: where, and beside what, it runs may triple its CPU seconds, so that it cannot
+    fail for them. The first one to compile a kernel did not choose to be the first.
     """
     compiling, before = [0.0], cpu_seconds()
     with install_timer("numba:compile", compiling.append):
         yield
     spent = cpu_seconds() - before - sum(compiling)
     told = f"took {spent:.1f} CPU seconds, at most {longest_s:g}: shorten it, or mark it slow"
-    if spent > SLOWEST_MACHINE * longest_s:
-        pytest.fail(told, pytrace=False)
     if spent > longest_s:
         warnings.warn(pytest.PytestWarning(told), stacklevel=2)
 
