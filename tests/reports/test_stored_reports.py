@@ -19,7 +19,11 @@ OF_SHARES = [path.parent for path in REPORTS if "Korn and Graubard's" in path.re
 POOLED = sorted(path.parent for path in DOCS.glob("*/**/pooled.csv"))
 #: reports of which each run's values are stored
 BY_SEED = sorted(path.parent for path in DOCS.glob("*/**/seeds.csv"))
-SWEEPS = {"lenet_fresh": "pushpull_lenet_fresh", "nordland": "localization_nordland"}
+SWEEPS = {
+    "gp_approximation_support": "gp_approximation",
+    "lenet_fresh": "pushpull_lenet_fresh",
+    "nordland": "localization_nordland",
+}
 
 
 def rows_of(path):
