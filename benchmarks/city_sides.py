@@ -4,7 +4,8 @@
 
 The rank of the best image within 9 m and 30 degrees of the truth, by descriptors, for the frames of the validation
 drives of ``dataset=town_city``, which is rendered first if need be. The map is in one lane: a frame up to 3.5 m from
-it is on its side. Descriptors are kept where those of runs are.
+an image is counted on its side, so that some midway between two images are counted on the other. Descriptors are kept
+where those of runs are.
 """
 
 import math
@@ -20,8 +21,10 @@ from sextant.cli.arguments import parse_arguments
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.localization.datamodule import LocalizationDataModule
+from sextant.errors import UserError
 from sextant.recipes import recipe_of
 
+USAGE = "python -m benchmarks.city_sides run=<run>"
 KEYS = {"run": "of place recognition, or zoo:places"}
 NEAR_M, TURN, SAME_SIDE_M = 9.0, math.radians(30), 3.5
 
@@ -39,7 +42,10 @@ def ranks(seen: ndarray, at: ndarray, mapped: ndarray, places: ndarray, tree: cK
 
 def main() -> None:
     """Describe the city and look for all frames."""
-    run = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.city_sides run=<run>")["run"]
+    given = parse_arguments(sys.argv[1:], KEYS, USAGE)
+    if "run" not in given:
+        raise UserError("run= is not given: it names what describes the images", USAGE)
+    run = given["run"]
     config = validate(to_plain(compose(["experiment=localization_city", "descriptor=run", f"descriptor.run={run}"])))
     family = recipe_of("localization")
     data = family.data(config, family.source(config))

@@ -21,8 +21,8 @@ def cpu_seconds():
 
 @contextmanager
 def time_limit(longest_s=LONGEST_S):
-    """Warn of a test that takes longer: where, and beside what, it runs may triple its CPU seconds, so that it cannot
-    fail for them. The first one to compile a kernel did not choose to be the first.
+    """Warn of a test that takes longer. It does not fail, since other work on the machine can triple its CPU seconds.
+    Compiling a kernel is not counted: no test chose to be the first to need it.
     """
     compiling, before = [0.0], cpu_seconds()
     with install_timer("numba:compile", compiling.append):

@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from sextant.data.places.image_files import UnreadableImageError, decode_image, picture_bytes
+from sextant.data.image_files import UnreadableImageError, decode_image, picture_bytes
 from sextant.errors import UserError
 
 Size = tuple[int, int, int]

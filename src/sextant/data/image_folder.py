@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
-from sextant.data.places.image_files import FORMATS, require_sides
+from sextant.data.image_files import FORMATS, require_sides
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
 from sextant.data.upright import upright
 from sextant.errors import ArgumentError, UserError

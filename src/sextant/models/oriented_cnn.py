@@ -20,7 +20,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-GROUP = 8
+from sextant.models.convolutions import convolutions
+
 #: gradient, per pixel of an image in [-1, 1], below which there is no edge
 FAINT = 0.01
 
@@ -69,26 +70,6 @@ class OrientedGradients(nn.Module):
         cells = F.avg_pool2d(F.conv2d(doubled, self.votes).relu_().square_(), self.cell)
         local = F.avg_pool2d(cells.sum(1, keepdim=True), 3, 1, 1, count_include_pad=False) + FAINT
         return torch.cat([cells / local, 0.3 * local.log() + 0.5, F.avg_pool2d(x, self.cell)], 1)
-
-
-def convolutions(channels: int, widths: tuple[int, ...], strides: tuple[int, ...]) -> nn.Sequential:
-    """3x3 convolutions with group normalisation and ReLU.
-
-    Raises:
-        ValueError: a width is not a multiple of 8, or widths and strides differ in number.
-    """
-    if any(width % GROUP for width in widths):
-        raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
-    if len(widths) != len(strides):
-        raise ValueError(f"{len(widths)} widths need as many strides, got {tuple(strides)}")
-    layers: list[nn.Module] = []
-    for before, width, stride in zip((channels, *widths), widths, strides, strict=False):
-        layers += [
-            nn.Conv2d(before, width, 3, stride, padding=1, bias=False),
-            nn.GroupNorm(width // GROUP, width),
-            nn.ReLU(inplace=True),
-        ]
-    return nn.Sequential(*layers)
 
 
 class OrientedCNN(nn.Module):

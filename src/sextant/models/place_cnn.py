@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sextant.models.oriented_cnn import convolutions
+from sextant.models.convolutions import convolutions
 
 #: contrast, of images in [-1, 1], below which there is none
 FAINT = 0.02

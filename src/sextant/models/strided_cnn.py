@@ -6,7 +6,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-GROUP = 8
+from sextant.models.convolutions import convolutions
 
 
 class StridedCNN(nn.Module):
@@ -42,20 +42,10 @@ class StridedCNN(nn.Module):
         grid: tuple[int, int] = (3, 4),
     ):
         super().__init__()
-        if any(width % GROUP for width in widths):
-            raise ValueError(f"widths must be multiples of {GROUP}, got {tuple(widths)}")
         smallest = tuple(math.ceil(side / 2 ** (len(widths) - 1)) for side in image_size)
         if smallest[0] < grid[0] or smallest[1] < grid[1]:
             raise ValueError(f"images of {image_size[0]}x{image_size[1]} are too small for {len(widths)} layers")
-        layers: list[nn.Module] = []
-        for i, width in enumerate(widths):
-            stride = 2 if i < len(widths) - 1 else 1
-            layers += [
-                nn.Conv2d(in_channels if i == 0 else widths[i - 1], width, 3, stride, padding=1, bias=False),
-                nn.GroupNorm(width // GROUP, width),
-                nn.ReLU(inplace=True),
-            ]
-        self.features = nn.Sequential(*layers)
+        self.features = convolutions(in_channels, widths, (2,) * (len(widths) - 1) + (1,))
         self.grid = (grid[0], grid[1])
         self.head = nn.Linear(widths[-1] * grid[0] * grid[1], num_classes)
 

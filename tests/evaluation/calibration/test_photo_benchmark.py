@@ -62,6 +62,14 @@ def test_intervals_hold_the_truth_as_often_as_counted():
     assert cell(table, "x", "vfov, 68 %").startswith("100 [")
 
 
+def test_an_interval_of_roll_reaches_across_half_a_turn():
+    upside_down, said = CAMERAS.copy(), answers(0, 1)
+    upside_down[:, 1], said.cameras[:, 1] = math.pi - 0.01, -math.pi + 0.01
+    assert cell(
+        interval_table(Truth(upside_down, TRUTH.aspect, TRUTH.clusters), {"x": said}), "x", "roll, 68 %"
+    ).startswith("100")
+
+
 def test_errors_by_verdict():
     said = answers([1, 1, 1, 5, 5, 5], [1, 1, 1, 1.3, 1.3, 1.3])
     said = Answers(said.cameras, said.half, ["good"] * 3 + ["weak"] * 2 + ["failed"])

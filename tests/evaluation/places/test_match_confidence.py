@@ -29,5 +29,9 @@ def test_a_wider_margin_is_surer_and_none_says_nothing():
     sure = MatchConfidence(24.0, -2.28).probability(np.array([0.0, 0.1, 1.0, np.nan]))
     assert sure[0] < sure[1] < sure[2]
     assert np.isnan(sure[3])
-    with pytest.raises(ValueError, match="at least one set"):
-        fit_match_confidence([])
+
+
+@pytest.mark.parametrize("margins", [[], [[0.1, 0.2], []], [[0.1, np.nan]]])
+def test_sets_that_say_nothing_are_refused(margins):
+    with pytest.raises(ValueError, match="at least one set of matches, each with finite margins"):
+        fit_match_confidence([(np.array(each), np.ones(len(each), bool)) for each in margins])

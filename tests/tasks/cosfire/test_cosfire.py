@@ -30,11 +30,6 @@ def usual(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("cosfire")
-
-
-@pytest.fixture(scope="module")
 def network(tmp_path_factory):
     """A run of classification."""
     folder = tmp_path_factory.mktemp("network")

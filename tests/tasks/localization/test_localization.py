@@ -27,11 +27,6 @@ def cache(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory):
-    return tmp_path_factory.mktemp("localization")
-
-
-@pytest.fixture(scope="module")
 def run(cache, outputs):
     """The directory of a run with some overrides."""
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from sextant.data.image_files import natural_key
 from sextant.data.localization.frames import VIDEOS
 from sextant.data.localization.rosbag import FIRST, METADATA
 from sextant.data.photo_files import FOUND_IN_FOLDERS
-from sextant.data.places.image_files import natural_key
 
 #: pictures as sensors deliver them, which no part of Sextant decodes
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")

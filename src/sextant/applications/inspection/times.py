@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from sextant.data.image_files import natural_key
 from sextant.data.localization.pose_times import times_of_names
 from sextant.data.photos.header import PhotoHeader
-from sextant.data.places.image_files import natural_key
 
 #: a step in time is a jump if it is so many times the usual one, and longer than so many seconds
 JUMP, JUMP_S = 10.0, 5.0

@@ -16,8 +16,8 @@ from PIL import Image
 from sextant.applications.kept_descriptor import Describes
 from sextant.applications.places.photo_folder import PhotoFolder
 from sextant.data import upright
+from sextant.data.image_files import UnreadableImageError, decode_image
 from sextant.data.places.decoded_images import ImageSize
-from sextant.data.places.image_files import UnreadableImageError, decode_image
 from sextant.reporter import Advance
 from sextant.retrieval.flat_index import FlatIndex
 

@@ -12,7 +12,7 @@ from numpy import ndarray
 from sextant.applications.places.describing import DescribedPhotos, upright_size
 from sextant.applications.places.known_places import KnownPlaces
 from sextant.applications.write_errors import telling_write_errors
-from sextant.data.places.image_files import decode_image
+from sextant.data.image_files import decode_image
 from sextant.reporter import Advance
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 
 from sextant.applications.places.describing import DescribedPhotos
 from sextant.applications.places.photo_folder import KnownBy, PhotoFolder
+from sextant.data.image_files import natural_key
 from sextant.data.places import ImageRows, PlaceImages, PlaceTolerance
 from sextant.data.places.gps_poses import gps_poses
-from sextant.data.places.image_files import natural_key
 from sextant.data.places.pose_files import Pose, table_poses, utm_poses
 from sextant.data.places.tolerance import Unit
 from sextant.errors import ArgumentError

@@ -80,7 +80,7 @@ def photos_below(
     if not path.is_dir():
         what = "is a file, not a folder" if path.is_file() else "there is no such folder"
         raise ArgumentError(f"{key}={given}: {what}", f"Give a folder of photos: {key}=/path/to/photos")
-    from sextant.data.places.image_files import natural_key
+    from sextant.data.image_files import natural_key
 
     names = [found.relative_to(path).as_posix() for found in find_photos(str(path), output, key)]
     return PhotoFolder(path, tuple(sorted(names, key=natural_key)))

@@ -8,7 +8,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
-from sextant.data.places.image_files import eight_bits
+from sextant.data.image_files import eight_bits
 
 #: what is decoded; no format whose decoder runs another program (EPS) is among them
 FORMATS = ("JPEG", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF")

@@ -11,8 +11,8 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.data.image_files import picture_bytes
 from sextant.data.localization.frames import Frame, Size
-from sextant.data.places.image_files import picture_bytes
 from sextant.errors import UserError
 
 PREFIX = "camera:"

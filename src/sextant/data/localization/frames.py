@@ -10,10 +10,10 @@ from jaxtyping import Float64, UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.data.image_files import UnreadableImageError, decode_image, natural_key, picture_bytes
 from sextant.data.localization.pose_times import check_rising, times_of_names
 from sextant.data.photo_files import find_photos
 from sextant.data.photos import read_photo
-from sextant.data.places.image_files import UnreadableImageError, decode_image, natural_key, picture_bytes
 from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
 

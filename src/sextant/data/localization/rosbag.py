@@ -20,11 +20,11 @@ from jaxtyping import Float64
 from numpy import ndarray
 from PIL import Image
 
+from sextant.data.image_files import picture_bytes
 from sextant.data.localization.frames import Frame, Size
 from sextant.data.localization.odometry_file import OdometryFile
 from sextant.data.localization.plane import to_plane
 from sextant.data.localization.pose_formats import pose_matrices
-from sextant.data.places.image_files import picture_bytes
 from sextant.errors import ArgumentError, UserError
 
 #: of a file of ROS 1, and the file by which a folder is a bag of ROS 2

@@ -8,11 +8,11 @@ from typing import Any
 
 from PIL import Image
 
+from sextant.data.image_files import UnreadableImageError
 from sextant.data.photos.exif import EXIF_BLOCK, exif_focal_px, exif_numbers
 from sextant.data.photos.gps import GpsPosition, gps_position
 from sextant.data.photos.gravity_tags import GravityTag, gravity_tag
 from sextant.data.photos.reading import known_formats
-from sextant.data.places.image_files import UnreadableImageError
 from sextant.data.upright import upright_size
 
 MAKE, MODEL, TAKEN, SUBSECONDS = 0x010F, 0x0110, 0x9003, 0x9291

@@ -17,7 +17,7 @@ from numpy import ndarray
 from numpy.lib import format as npy
 
 from sextant.atomic_files import read_json, write_json
-from sextant.data.places.image_files import UnreadableImageError, decode_image
+from sextant.data.image_files import UnreadableImageError, decode_image
 from sextant.data.places.image_rows import ImageRows
 from sextant.data.places.problem_list import problem_list
 from sextant.data.rendered.disk import reporting_disk_errors

@@ -12,7 +12,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from sextant.data.places.image_files import natural_key
+from sextant.data.image_files import natural_key
 from sextant.data.places.problem_list import problem_list
 from sextant.errors import UserError
 

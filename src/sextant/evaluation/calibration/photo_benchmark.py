@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from sextant.evaluation.calibration.errors import calibration_errors
 from sextant.evaluation.calibration.summary import AUC_DEG, ErrorSummary, Estimate, summary
-from sextant.geometry import CameraParameters, vfov_from_focal
+from sextant.geometry import CameraParameters, vfov_from_focal, wrap_angle
 
 #: of a table: title, error, digits, and whether it has areas under the recall curve
 COLUMNS = (
@@ -106,7 +106,7 @@ def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
     rows = []
     for name, answers in methods.items():
         row = [name]
-        off = np.abs(_angles(answers.cameras) - _angles(truth.cameras))
+        off = np.abs(wrap_angle(torch.from_numpy(_angles(answers.cameras) - _angles(truth.cameras))).numpy())
         for k in range(len(names)):
             known = np.isfinite(_angles(truth.cameras)[:, k])
             owners = np.array(truth.clusters)[known]

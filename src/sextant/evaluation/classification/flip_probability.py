@@ -37,7 +37,7 @@ def is_noise(perturbation: str) -> bool:
 
 
 def flip_probability(predictions: Integer[ndarray, "sequences frames"], *, against_first: bool, step: int = 1) -> float:
-    """Share of frames whose predicted class differs from the previous frame's, or from the first one's; see the module.
+    """Share of frames whose predicted class differs from the previous frame's, or from the first one's.
 
     Args:
         predictions: predicted class by sequence and frame.

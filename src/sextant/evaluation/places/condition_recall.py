@@ -19,7 +19,8 @@ class ConditionRecall:
 
     Attributes:
         conditions: their names, in the order of rows and columns.
-        recall: over all queries of the row; nan where there is no query or reference.
+        recall: over all queries of the row; nan where there is no query or reference. An image that is the only one of
+            its condition is not found under it.
         queries: of each cell.
         unmatchable: queries of each cell that have no positive under the condition of the references.
     """

@@ -44,10 +44,10 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
         sets: margins of the best matches of each, and whether they are right.
 
     Raises:
-        ValueError: there is no set.
+        ValueError: there is no set, or one is empty or has a margin that is not finite.
     """
-    if not sets:
-        raise ValueError("confidence is fitted to at least one set of matches")
+    if not sets or not all(len(margin) and np.isfinite(margin).all() for margin, _ in sets):
+        raise ValueError("confidence is fitted to at least one set of matches, each with finite margins")
 
     def loss(parameters: ndarray) -> float:
         scores = [(parameters[0] * margin + parameters[1]) * np.where(right, 1, -1) for margin, right in sets]
