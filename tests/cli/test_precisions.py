@@ -1,9 +1,11 @@
 """Every task under every precision of the schema: from the first step to the arrays, the table and the figures."""
 
+import platform
 from typing import get_args
 
 import numpy as np
 import pytest
+import torch
 from calibration_toy import panorama
 from cli.test_calibration import config as calibration_config
 from cli.test_predict_places import ride
@@ -17,6 +19,7 @@ from sextant.config.schema.environment import Trainer
 from sextant.config.validate import validate
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
+from sextant.lifecycle.run_reporter import RunReporter
 from sextant.runs.directory import RunDirectory
 
 PRECISIONS = get_args(Trainer.model_fields["precision"].annotation)
@@ -72,17 +75,30 @@ def cache(tmp_path_factory):
 
 @pytest.mark.parametrize("precision", ON_CPU)
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)
-def test_a_run_ends_with_its_report(tmp_path, cache, task, precision):
+def test_a_run_ends_with_its_report(tmp_path, cache, task, precision, monkeypatch):
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX512")  # bfloat16 is computed in anywhere
     raw = task(tmp_path, cache, f"trainer.precision={precision}")
     outcome = execute(raw)
     run = RunDirectory(outcome.directory)
     results = run.results()
     assert results["outcome"] in ("finished", "diverged")  # of one epoch no network learns much
+    assert results["precision"] == precision
     assert results["metrics"]
     assert any(run.figures.iterdir())
     with np.load(run.arrays, allow_pickle=False) as arrays:
         assert arrays.files
         assert all(array.dtype.kind != "V" for array in arrays.values())  # which numpy makes of what it does not know
+
+
+def test_a_processor_without_bfloat16_computes_in_float32_and_says_so(tmp_path, cache, monkeypatch):
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    said = []
+    reporter = RunReporter()
+    reporter.say = said.append
+    outcome = execute(classification(tmp_path, cache, "trainer.precision=bf16-mixed"), reporter=reporter)
+    assert RunDirectory(outcome.directory).results()["precision"] == "32-true"
+    assert [line for line in said if "trainer.precision=bf16-mixed: this processor has no bfloat16" in line]
 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)

@@ -186,6 +186,13 @@ def test_16_bit_images_keep_their_eight_most_significant_bits(tmp_path, suffix, 
     np.testing.assert_allclose(square, np.repeat(deep[..., None] / 257, channels, axis=2), atol=1)
 
 
+def test_what_is_transparent_becomes_black(tmp_path):
+    pixels = np.dstack([np.full((8, 8, 3), 200, np.uint8), np.full((8, 8), 255, np.uint8)])
+    pixels[:4, :, 3] = 0
+    square = decode_square(save(tmp_path / "half.png", pixels), 8, 3)
+    assert (square[:4].max(), square[4:].min()) == (0, 200)
+
+
 @pytest.mark.parametrize("keep", [0, 100, -100])
 def test_an_image_that_cannot_be_decoded_is_named(pets, keep):
     path = save(pets / "cat" / "00.jpg", noise(64, 64, 3))

@@ -26,6 +26,13 @@ class CCA(PairedDescriptor):
         height, width, dimensions, components: as for :class:`PairedDescriptor`.
         shrinkage: γ, above 0.
         weighting: α, at least 0.
+
+    Example:
+        >>> day = np.random.default_rng(0).integers(0, 200, (20, 8, 8, 1), dtype=np.uint8)
+        >>> night = 255 - day  # the same places as negatives
+        >>> cca = CCA(8, 8, dimensions=4, components=8).fit_pairs(day, night)
+        >>> bool((cca.describe(day) * cca.describe_query(night)).sum(1).min() > 0.99)  # cosines of a place with itself
+        True
     """
 
     def __init__(

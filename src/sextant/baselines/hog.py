@@ -19,6 +19,13 @@ class Hog(PlaceDescriptor):
         height, width: size in pixels at which the images are described; multiples of ``rows`` and ``columns``.
         rows, columns: of the grid of cells.
         bins: orientations, at least 1.
+
+    Example:
+        >>> bars = np.zeros((1, 32, 64, 1), np.uint8)
+        >>> bars[:, :, 3::8] = 255  # upright bars, whose gradients are horizontal
+        >>> descriptor = Hog().describe(bars)
+        >>> descriptor.shape, int(descriptor.reshape(-1, 8).sum(0).argmax())  # the first of 8 orientations
+        ((1, 256), 0)
     """
 
     def __init__(self, height: int = 32, width: int = 64, rows: int = 4, columns: int = 8, bins: int = 8):

@@ -21,6 +21,14 @@ class LDA(PairedDescriptor):
     Args:
         height, width, dimensions, components: as for :class:`PairedDescriptor`.
         shrinkage: γ, above 0.
+
+    Example:
+        >>> import numpy as np
+        >>> day = np.random.default_rng(0).integers(0, 200, (20, 8, 8, 1), dtype=np.uint8)
+        >>> night = day // 3  # the same places, darker
+        >>> lda = LDA(8, 8, dimensions=4, components=8).fit_pairs(day, night)
+        >>> bool((lda.describe(day) * lda.describe_query(night)).sum(1).min() > 0.99)  # cosines of a place with itself
+        True
     """
 
     def __init__(

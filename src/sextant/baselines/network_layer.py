@@ -37,6 +37,11 @@ class NetworkLayer(PlaceDescriptor):
 
     Raises:
         ValueError: channels are neither 1 nor 3, or the grid is empty.
+
+    Example:
+        >>> network = NetworkLayer(nn.Conv2d(3, 6, 3), height=32, width=64, grid=(2, 4))
+        >>> network.describe(np.zeros((5, 48, 64, 3), np.uint8)).shape  # 6 · 2 · 4
+        (5, 48)
     """
 
     def __init__(

@@ -18,6 +18,14 @@ class PatchNormalised(PlaceDescriptor):
     Args:
         height, width: size in pixels at which the images are described; multiples of ``patch``.
         patch: side of a patch in pixels, at least 2.
+
+    Example:
+        >>> import numpy as np
+        >>> image = np.arange(16, dtype=np.uint8).reshape(1, 4, 4, 1) * 9
+        >>> brighter = image + np.uint8(50)
+        >>> one, other = PatchNormalised(4, 4, patch=2).describe(np.concatenate([image, brighter]))
+        >>> bool(np.allclose(one, other, atol=1e-4))  # brightness alone changes nothing
+        True
     """
 
     def __init__(self, height: int = 32, width: int = 64, patch: int = 8):

@@ -17,6 +17,12 @@ class Pixels(PlaceDescriptor):
 
     Args:
         height, width: size in pixels at which the images are described.
+
+    Example:
+        >>> image = np.arange(12, dtype=np.uint8).reshape(1, 3, 4, 1)
+        >>> descriptor = Pixels(3, 4).describe(image)
+        >>> descriptor.shape, bool(abs(descriptor.mean()) < 1e-6), bool(np.isclose(descriptor.std(), 1))
+        ((1, 12), True, True)
     """
 
     def describe_grey(self, grey: Float32[ndarray, "n h w"]) -> Float32[ndarray, "n d"]:

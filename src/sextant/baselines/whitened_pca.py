@@ -25,6 +25,12 @@ class WhitenedPCA(PlaceDescriptor):
 
     Attributes:
         pca_: the fitted ``sklearn.decomposition.PCA``.
+
+    Example:
+        >>> images = np.random.default_rng(0).integers(0, 256, (20, 8, 8, 1), dtype=np.uint8)
+        >>> descriptors = WhitenedPCA(8, 8, dimensions=5).fit(images).describe(images)
+        >>> descriptors.shape, bool(np.allclose(np.linalg.norm(descriptors, axis=1), 1))
+        ((20, 5), True)
     """
 
     def __init__(self, height: int = 32, width: int = 64, dimensions: int = 128, most_images: int = 10_000):

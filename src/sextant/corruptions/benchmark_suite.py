@@ -66,6 +66,10 @@ def imagenet_c(names: Names = None, severities: Sequence[int] | None = None, mod
 class BenchmarkSuite(CorruptionSuite):
     """The conditions of a published set; images come as its files hold them.
 
+    >>> suite = BenchmarkSuite("cifar10_c", ["fog", "contrast"], severities=[1, 5])
+    >>> [condition.key for condition in suite.conditions()]
+    ['clean', 'fog/1', 'fog/5', 'contrast/1', 'contrast/5']
+
     Args:
         set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``.
         names: corruptions to test: all (``None``), a group (``benchmark15``, ``extra4``), or a list of names.

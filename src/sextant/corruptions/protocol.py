@@ -11,6 +11,11 @@ from sextant.corruptions.benchmark_corruption import Mode
 class Protocol:
     """What a report has to state about corrupted images.
 
+    >>> from sextant.corruptions import BenchmarkSuite
+    >>> protocol = BenchmarkSuite("cifar10_c", ["fog"], severities=[3]).protocol
+    >>> protocol.severities, protocol.rounding
+    ({'fog': (3,)}, '8 bits, fraction dropped')
+
     Attributes:
         set: which published set.
         title: its name and source.

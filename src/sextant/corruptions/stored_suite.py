@@ -31,6 +31,14 @@ class StoredSuite(CorruptionSuite):
     Each file holds uint8 images ``(s·n, h, w[, c])``: all n at the first severity, then all at the next;
     ``labels.npy`` repeats their labels so. Files are mapped into memory, never read whole, and nothing is unpickled.
 
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.save(f"{folder}/labels.npy", np.zeros(10, np.int64))  # of two images, five times
+    ...     np.save(f"{folder}/fog.npy", np.full((10, 32, 32, 3), 51, np.uint8))
+    ...     suite = StoredSuite(folder, names=["fog"])
+    >>> suite.corrupt(torch.zeros(1, 3, 32, 32), [1], Condition("fog", 3)).mean()  # 51 of 255
+    tensor(0.2000)
+
     Args:
         folder: of the files.
         set: ``cifar10_c``, ``mnist_c`` or ``imagenet_c``: whose names and severities they are.

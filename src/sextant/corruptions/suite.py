@@ -31,6 +31,14 @@ class CorruptionSuite:
     Every run that uses the suite sees the same corrupted images: they depend on ``seed`` here, not on the run's seed,
     so that models are compared on the same images.
 
+    >>> import torch
+    >>> from sextant.corruptions import GaussianNoise
+    >>> suite = CorruptionSuite({"gaussian": GaussianNoise([0.1, 0.2])})
+    >>> [condition.key for condition in suite.conditions()]
+    ['clean', 'gaussian/0.1', 'gaussian/0.2']
+    >>> suite.corrupt(torch.zeros(2, 1, 28, 28), [0, 1], Condition("gaussian", 0.2)).shape
+    torch.Size([2, 1, 28, 28])
+
     Args:
         corruptions: corruptions by name; the empty mapping tests clean images alone.
         seed: of all random draws.

@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageOps
 
-from sextant.data.image_files import FORMATS, require_sides
+from sextant.data.image_files import FORMATS, eight_bits, require_sides
 from sextant.data.source import ImageSource, ImageSpec, LabelledImages, MissingDataError, Split, channels_first
 from sextant.data.upright import upright
 from sextant.errors import ArgumentError, UserError
@@ -120,6 +120,8 @@ class ImageFolder(ImageSource):
 def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *c"]:
     """An image turned upright, scaled to cover a square of ``size`` pixels and cropped at its centre.
 
+    What is transparent becomes black.
+
     Raises:
         UserError: it cannot be decoded; it is named.
     """
@@ -127,12 +129,7 @@ def decode_square(path: Path, size: int, channels: int) -> UInt8[ndarray, "h w *
         Image.init()  # until then Pillow knows the commonest formats alone
         with Image.open(path, formats=[name for name in FORMATS if name in Image.OPEN]) as image:
             require_sides(image)
-            picture = upright(image)
-            if picture.mode == "F":
-                raise ValueError("floating-point values whose white level is unknown: convert it to 8 or 16 bits")
-            if picture.mode.startswith("I"):  # 16 bits: Pillow would clip them to 255
-                picture = Image.fromarray((np.asarray(picture).clip(0, 65535) >> 8).astype(np.uint8))
-            picture = picture.convert("RGB" if channels == 3 else "L")
+            picture = eight_bits(upright(image)).convert("RGB" if channels == 3 else "L")
             return np.asarray(ImageOps.fit(picture, (size, size), Image.Resampling.BICUBIC))
     except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
         held = f"{path.stat().st_size:,} bytes" if path.is_file() else "no such file"

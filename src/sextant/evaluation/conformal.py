@@ -60,6 +60,11 @@ def conformal_rank(count: int, level: float, per_panorama: int = 1) -> int:
 
     Raises:
         ValueError: the level is not in (0, 1), or ``per_panorama`` does not divide ``count``.
+
+    >>> conformal_rank(99, 0.9), conformal_rank(8, 0.9)  # 8 scores are too few for a level of 0.9
+    (90, 9)
+    >>> conformal_rank(100, 0.9, per_panorama=10)  # of ten panoramas
+    99
     """
     if not 0 < level < 1:
         raise ValueError(f"level must lie in (0, 1), got {level}")
@@ -79,6 +84,10 @@ def conformal_quantile(scores: Float[Tensor, "n *k"], level: float, per_panorama
 
     Raises:
         ValueError: as for :func:`conformal_rank`.
+
+    >>> scores = torch.arange(1.0, 100.0)  # 99 of them
+    >>> conformal_quantile(scores, 0.9), conformal_quantile(scores[:8], 0.9)
+    (tensor(90.), tensor(inf))
     """
     rank = conformal_rank(len(scores), level, per_panorama)
     if rank > len(scores):
@@ -87,7 +96,11 @@ def conformal_quantile(scores: Float[Tensor, "n *k"], level: float, per_panorama
 
 
 def coverage(scores: Float[Tensor, "n *k"], quantile: Float[Tensor, "*k"]) -> Float[Tensor, "*k"]:
-    """Share of test images whose interval holds the truth, given their scores; a score of nan does not."""
+    """Share of test images whose interval holds the truth, given their scores; a score of nan does not.
+
+    >>> coverage(torch.tensor([0.5, 1.0, 2.0, torch.nan]), torch.tensor(1.0)).item()
+    0.5
+    """
     return (scores <= quantile).double().mean(0)
 
 
@@ -111,6 +124,14 @@ def coverage_curve(
         per_panorama: validation crops of each panorama.
         resamples: of the bootstrap.
         seed: of the bootstrap.
+
+    Raises:
+        ValueError: as for :func:`conformal_rank`.
+
+    >>> validation, test = torch.arange(1.0, 100.0)[:, None], torch.tensor([[10.0], [45.0], [70.0], [95.0]])
+    >>> curve = coverage_curve(validation, test, panoramas=np.arange(4), levels=(0.5, 0.9))
+    >>> curve.multipliers[:, 0], curve.coverage[:, 0]
+    (array([50., 90.]), array([0.5 , 0.75]))
     """
     clusters = np.unique(panoramas, return_inverse=True)[1].astype(np.int64)
     counts = cluster_resamples(clusters, resamples, seed)
@@ -130,5 +151,9 @@ def coverage_curve(
 
 
 def half_widths(scale: Float[Tensor, "b *k"], quantile: Float[Tensor, "*k"]) -> Float[Tensor, "b *k"]:
-    """Half the length of each image's intervals, ``q σ``, in the unit of the expected errors."""
+    """Half the length of each image's intervals, ``q σ``, in the unit of the expected errors.
+
+    >>> half_widths(torch.tensor([0.5, 2.0]), torch.tensor(3.0))
+    tensor([1.5000, 6.0000])
+    """
     return scale * quantile

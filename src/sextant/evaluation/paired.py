@@ -105,6 +105,11 @@ def bootstrap_t_interval(
     Resampled means over images are drawn as normal with the images' standard error, which the central limit theorem
     allows from some hundred images on and which saves a factor of their number; one image a seed nests nothing.
     A percentile bootstrap is not offered: with few seeds it covers less than it says (Efron & Tibshirani 1993, 12.5).
+    Fewer than two seeds give nan.
+
+    >>> low, high = bootstrap_t_interval(np.array([[1.0], [2.0], [2.0], [3.0], [2.0], [8.0]]))
+    >>> f"3 [{low:.1f}, {high:.1f}]"  # further up than down, as the values do
+    '3 [1.3, 10.2]'
     """
     count, width = images.shape
     if count < 2:
@@ -128,7 +133,11 @@ def crossed_interval(images: Float[ndarray, "seeds images"], confidence: float =
     """t interval of the mean when seeds and images are both random and every seed sees the same images.
 
     Two-way random effects: ``Var = s²(seed means)/S + s²(image means)/N - MSE/(S N)``; S - 1 degrees of freedom, which
-    is cautious when images dominate.
+    is cautious when images dominate. Fewer than two seeds or images give nan.
+
+    >>> values = np.array([[0.0, 4.0], [1.0, 5.0], [2.0, 6.0]])  # three seeds on the same two images
+    >>> [f"{low:.1f} to {high:.1f}" for low, high in (mean_interval(values.mean(axis=1)), crossed_interval(values))]
+    ['0.5 to 5.5', '-6.0 to 12.0']
     """
     seeds, count = images.shape
     if seeds < 2 or count < 2:

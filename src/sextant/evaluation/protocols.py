@@ -27,7 +27,11 @@ CONVERGED_BELOW_CONSTANT = 0.8
 
 
 def calibration_converged(bearing_deg: float, constant_bearing_deg: float) -> bool:
-    """Whether a trained calibration network learnt at all: ``error <= 0.8 x`` that of the constant camera."""
+    """Whether a trained calibration network learnt at all: ``error <= 0.8 x`` that of the constant camera.
+
+    >>> calibration_converged(7.9, constant_bearing_deg=10.0), calibration_converged(8.1, constant_bearing_deg=10.0)
+    (True, False)
+    """
     return bearing_deg <= CONVERGED_BELOW_CONSTANT * constant_bearing_deg
 
 
@@ -36,7 +40,11 @@ CONVERGED_TIMES_CHANCE = 3.0
 
 
 def places_converged(recall_at_1: float, chance: float) -> bool:
-    """Whether a trained descriptor learnt at all: ``recall@1 >= min(3 chance, (1 + chance) / 2)``."""
+    """Whether a trained descriptor learnt at all: ``recall@1 >= min(3 chance, (1 + chance) / 2)``.
+
+    >>> places_converged(0.04, chance=0.01), places_converged(0.7, chance=0.5)  # from 0.03 on, and from 0.75 on
+    (True, False)
+    """
     return recall_at_1 >= min(CONVERGED_TIMES_CHANCE * chance, (1 + chance) / 2)
 
 

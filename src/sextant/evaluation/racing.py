@@ -18,12 +18,22 @@ ENOUGH = 4
 
 
 def seeds_run(scores: Scores) -> Float[ndarray, "trials"]:
-    """How many seeds of each trial have been run, from the first on."""
+    """How many seeds of each trial have been run, from the first on.
+
+    Example:
+        >>> seeds_run(np.array([[0.9, 0.8, np.nan], [0.7, np.nan, 0.6]]))  # what follows a gap does not count
+        array([2, 1])
+    """
     return np.asarray(np.cumprod(~np.isnan(scores), axis=1).sum(1))
 
 
 def leader(scores: Scores) -> int | None:
-    """The best mean among the trials with most seeds; None while no trial has a result at every seed it was run at."""
+    """The best mean among the trials with most seeds; None while no trial has a result at every seed it was run at.
+
+    Example:
+        >>> leader(np.array([[0.8, 0.7], [0.8, 0.9], [0.99, np.nan], [0.99, -np.inf]]))  # of the first two
+        1
+    """
     counts = np.where(_sound(scores), seeds_run(scores), 0)
     if not len(counts) or not counts.max():
         return None
@@ -90,6 +100,12 @@ def halving(scores: Scores, trials: int) -> list[int]:
 
     References:
         Karnin, Koren and Somekh, Almost Optimal Exploration in Multi-Armed Bandits, ICML 2013.
+
+    Example:
+        >>> scores = np.full((4, 4), np.nan)
+        >>> scores[:, 0] = [0.9, 0.5, 0.8, 0.6]
+        >>> halving(scores, trials=4)
+        [0, 2]
     """
     counts, total = seeds_run(scores), scores.shape[1]
     alive = np.flatnonzero(_sound(scores))
@@ -103,7 +119,12 @@ def halving(scores: Scores, trials: int) -> list[int]:
 
 
 def every(scores: Scores) -> list[int]:
-    """All trials that have no run without a result, until they have every seed."""
+    """All trials that have no run without a result, until they have every seed.
+
+    Example:
+        >>> every(np.array([[0.9, 0.8], [0.5, np.nan], [-np.inf, np.nan]]))  # the first has all, the last no result
+        [1]
+    """
     return [int(trial) for trial in np.flatnonzero(_sound(scores)) if seeds_run(scores)[trial] < scores.shape[1]]
 
 

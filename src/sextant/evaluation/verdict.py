@@ -32,6 +32,11 @@ class Estimate:
         known: a 95 % interval that was found in another way than by Student's t.
         floor: the difference that the choice of seeds alone made beside it.
         counted: whether it is exact, such as a number of parameters, and needs no seeds.
+
+    Example:
+        >>> low, high = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9).interval()
+        >>> f"{low:.2f} to {high:.2f}"  # 2 ± 2.31 / sqrt(9)
+        '1.23 to 2.77'
     """
 
     mean: float
@@ -83,6 +88,10 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
         matters: smallest effect that matters, in its unit, at least 0.
         parts: of the claim. All have to hold, so holding needs no correction; one that fails is enough, so failing is
             tested with Bonferroni's.
+
+    >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9)  # from 1.23 to 2.77
+    >>> [decide(found, "better", matters) for matters in (1.0, 2.0, 3.0)]
+    ['holds', 'undecided', 'fails']
     """
     if not found.counted and found.seeds < SEEDS_FOR_A_CLAIM:
         return "undecided"
@@ -102,7 +111,11 @@ def decide(found: Estimate, expects: Expectation, matters: float, parts: int = 1
 
 
 def together(verdicts: Sequence[Verdict]) -> Verdict:
-    """Of a claim with several parts: it holds if all do, and fails if one does."""
+    """Of a claim with several parts: it holds if all do, and fails if one does.
+
+    >>> together(["holds", "undecided"]), together(["holds", "undecided", "fails"])
+    ('undecided', 'fails')
+    """
     if "fails" in verdicts:
         return "fails"
     return "holds" if verdicts and all(verdict == "holds" for verdict in verdicts) else "undecided"
@@ -120,6 +133,10 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
 
     Returns:
         The number; None where it is beyond ``MOST_SEEDS``, or nothing is known of the spread of enough seeds.
+
+    >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9)
+    >>> further_seeds(found, "better", 1.5), further_seeds(found, "better", 2.0)  # a mean at the border stays undecided
+    (25, None)
     """
     if found.seeds < 2 or math.isnan(found.error):
         return max(0, SEEDS_FOR_A_CLAIM - found.seeds) or None

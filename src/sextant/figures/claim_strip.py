@@ -28,6 +28,10 @@ def claim_strips(strips: Sequence[Strip]) -> str:
 
     Each row is in units of its own scale, since comparisons may have other units: the zero line is shared, and the band
     is what does not matter. Coordinates have one decimal, so that the same figures give the same bytes.
+
+    >>> picture = claim_strips([Strip(mean=1.0, low=0.5, high=1.5, matters=0.2, counts=True)])
+    >>> picture.count("<circle"), 'class="shown"' in picture
+    (1, True)
     """
     height = ROW * len(strips) + FOOT
     middle, half = WIDTH / 2, WIDTH / 2 - MARGIN

@@ -13,7 +13,13 @@ from sextant.figures.style import new_figure
 def confusion_matrix(
     labels: Integer[ndarray, "n"], predictions: Integer[ndarray, "n"], classes: Sequence[str]
 ) -> Figure:
-    """Counts by true class (rows) and predicted class (columns), coloured by the share of the row."""
+    """Counts by true class (rows) and predicted class (columns), coloured by the share of the row.
+
+    >>> figure = confusion_matrix(np.array([0, 0, 1]), np.array([0, 1, 1]), ["cat", "dog"])
+    >>> figure.axes[0].images[0].get_array().data  # of two cats one was taken for a dog
+    array([[0.5, 0.5],
+           [0. , 1. ]])
+    """
     size = len(classes)
     counts = np.zeros((size, size), int)
     np.add.at(counts, (labels.astype(int), predictions.astype(int)), 1)

@@ -23,6 +23,13 @@ def contact_sheet(
         predictions: by condition key.
         labels: true classes.
         classes: names in label order.
+
+    Example:
+        >>> images = np.zeros((2, 3, 8, 8))
+        >>> said = {"clean": np.array([0, 1]), "fog/3": np.array([0, 0])}
+        >>> figure = contact_sheet({"clean": images, "fog/3": images}, said, np.array([0, 1]), ["cat", "dog"])
+        >>> [text.get_text() for text in figure.axes[0].texts]  # the last is wrong
+        ['cat', 'dog', 'cat', 'cat']
     """
     count, height, width = len(labels), *next(iter(images.values())).shape[2:]
     mosaic = np.concatenate([np.concatenate(list(batch), axis=2) for batch in images.values()], axis=1)

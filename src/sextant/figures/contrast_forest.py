@@ -26,6 +26,11 @@ def contrast_forest(panels: Sequence[tuple[str, Sequence[ForestRow]]], xlabel: s
 
     The grey band is the range in which a *single* pair of runs of the same network falls 95 times in 100: differences
     inside it say nothing when they rest on one run each.
+
+    >>> row = ForestRow("fog", mean=1.2, low=0.8, high=1.6, floor_low=-0.5, floor_high=0.5, published=float("nan"))
+    >>> figure = contrast_forest([("LeNet", [row]), ("ResNet", [row])], "points of accuracy")
+    >>> [axes.get_title() for axes in figure.axes]
+    ['LeNet', 'ResNet']
     """
     rows = max(len(entries) for _, entries in panels)
     figure, axes = new_figure(3.6 * len(panels) + 1, 0.34 * rows + 1.4, columns=len(panels))

@@ -55,6 +55,12 @@ def factor_curves(
 
     Raises:
         ValueError: there is no curve, or levels do not ascend.
+
+    Example:
+        >>> curve = FactorCurve(np.array([70.0, 90.0]), np.array([65.0, 88.0]), np.array([75.0, 92.0]))
+        >>> figure = factor_curves("examples", np.array([1.0, 10.0]), {"test": {"svm": curve}}, quantity="accuracy (%)")
+        >>> figure.axes[0].get_xlabel(), figure.axes[0].get_xscale()
+        ('examples', 'log')
     """
     if not any(panels.values()):
         raise ValueError("the figure needs at least one curve")

@@ -11,7 +11,13 @@ COLUMNS = 8
 
 
 def gallery(images: Sequence[ndarray], titles: Sequence[str]) -> Figure:
-    """Images ``(h, w)`` or ``(h, w, 3)`` of bytes, eight a row, with their titles above."""
+    """Images ``(h, w)`` or ``(h, w, 3)`` of bytes, eight a row, with their titles above.
+
+    >>> import numpy as np
+    >>> figure = gallery([np.zeros((8, 8), np.uint8)] * 3, ["a", "b", "c"])
+    >>> [axes.get_title() for axes in figure.axes]
+    ['a', 'b', 'c']
+    """
     columns = min(COLUMNS, len(images))
     rows = -(-len(images) // columns)
     figure, axes = new_figure(1.3 * columns, 1.5 * rows, rows=rows, columns=columns)

@@ -22,6 +22,11 @@ def search_chart(trials: Sequence[TrialMark], metric: str, title: str = "") -> S
 
     Returns:
         A Vega-Lite specification.
+
+    Example:
+        >>> trials = [TrialMark(0, 0.91, "complete", {"lr": "0.1"}), TrialMark(1, math.nan, "failed", {})]
+        >>> search_chart(trials, "accuracy")["data"]["values"]
+        [{'trial': 0, 'mean': 0.91, 'state': 'complete', 'tip0': '0.1'}]
     """
     found = [trial for trial in trials if math.isfinite(trial.mean)]
     told, tip_values = tips([trial.tip for trial in found])

@@ -23,6 +23,11 @@ def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool)
     """Means of trials in the order in which they were asked for, and the best so far among those with all seeds.
 
     A trial with fewer seeds than others is drawn hollow, one without a result as a cross on the lower edge.
+
+    >>> trials = [TrialPoint(0, 0.90, [0.89, 0.91], True), TrialPoint(1, 0.93, [0.92, 0.94], True)]
+    >>> figure = search_history(trials, "accuracy", maximize=True)
+    >>> figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()
+    ('trial', 'accuracy')
     """
     figure, (axes,) = new_figure(6.4, 3.4)
     found = [trial for trial in trials if trial.values]
@@ -46,7 +51,12 @@ def search_history(trials: Sequence[TrialPoint], metric: str, *, maximize: bool)
 
 
 def importance_bars(importances: Mapping[str, float]) -> Figure:
-    """The share of the metric's variance over the space that each key accounts for, the largest on top."""
+    """The share of the metric's variance over the space that each key accounts for, the largest on top.
+
+    >>> figure = importance_bars({"lr": 0.8, "width": 0.2})
+    >>> [float(bar.get_width()) for bar in figure.axes[0].patches]
+    [0.8, 0.2]
+    """
     figure, (axes,) = new_figure(5.2, 0.4 * len(importances) + 1)
     names = list(importances)
     axes.barh(range(len(names)), [importances[name] for name in names], color=COLOURS[0])

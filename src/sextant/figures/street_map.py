@@ -25,6 +25,14 @@ def street_map(
         trees: where they stand.
         routes: positions by name.
         bounds: left, bottom, right, top of the map.
+
+    Example:
+        >>> import numpy as np
+        >>> block = np.array([[0.0, 0], [50, 0], [50, 40], [0, 40]])
+        >>> houses, trees, walk = block[None] / 5 + 5, np.array([[30.0, 20]]), np.array([[0.0, -3], [50, -3]])
+        >>> axes = street_map([block], houses, trees, {"walk": walk}, (-10, -10, 60, 50)).axes[0]
+        >>> axes.get_xlabel(), axes.get_legend().get_texts()[0].get_text()
+        ('metres east', 'walk')
     """
     left, bottom, right, top = bounds
     figure, (axes,) = new_figure(8, 8 * (top - bottom) / (right - left))

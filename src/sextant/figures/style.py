@@ -11,14 +11,24 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """A figure of ``width`` by ``height`` inches outside pyplot's global state, and its axes row by row."""
+    """A figure of ``width`` by ``height`` inches outside pyplot's global state, and its axes row by row.
+
+    >>> figure, axes = new_figure(6.0, 4.0, rows=2, columns=3)
+    >>> len(axes), figure.get_size_inches()
+    (6, array([6., 4.]))
+    """
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     return figure, list(axes.ravel())
 
 
 def plain(axes: Axes) -> Axes:
-    """Drop the frame's upper and right side and draw a light grid."""
+    """Drop the frame's upper and right side and draw a light grid.
+
+    >>> figure, (axes,) = new_figure(3.0, 2.0)
+    >>> plain(axes).spines["top"].get_visible()
+    False
+    """
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, linewidth=0.6)
     return axes
@@ -28,6 +38,12 @@ def save_figure(figure: Figure, folder: Path, name: str, formats: tuple[str, ...
     """Write ``folder/name.<format>`` and return the paths; the same figure gives the same bytes.
 
     Matplotlib names the parts of an SVG at random and dates it, unless it is told otherwise.
+
+    >>> import tempfile
+    >>> figure, _ = new_figure(1.0, 1.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in save_figure(figure, Path(folder), "empty", ("png", "svg"))]
+    ['empty.png', 'empty.svg']
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{suffix}" for suffix in formats]

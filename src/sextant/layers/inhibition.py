@@ -29,7 +29,12 @@ HOOKS = {
 
 @dataclass(frozen=True)
 class NoInhibition:
-    """Leaves the network as it is: the control of every inhibition experiment."""
+    """Leaves the network as it is: the control of every inhibition experiment.
+
+    >>> network = nn.Sequential(nn.Conv2d(1, 4, 3))
+    >>> NoInhibition()(network) is network
+    True
+    """
 
     def __call__(self, network: nn.Module) -> nn.Module:
         """Return ``network``."""
@@ -39,6 +44,10 @@ class NoInhibition:
 @dataclass(frozen=True)
 class PushPullInhibition:
     """Replaces convolutions of a network by push-pull layers with the same weights.
+
+    >>> network = nn.Sequential(nn.Conv2d(1, 4, 3), nn.ReLU(), nn.Conv2d(4, 4, 3))
+    >>> inhibited(PushPullInhibition(where="all")(network))
+    ['0', '2']
 
     Args:
         scale: upsampling factor h of the pull kernel, at least 1.
@@ -69,6 +78,10 @@ class PushPullInhibition:
 @dataclass(frozen=True)
 class PushPullAvgInhibition:
     """Replaces convolutions of a network by the push-pull layers of 2024 with the same weights.
+
+    >>> network = nn.Sequential(nn.Conv2d(1, 4, 3), nn.ReLU(), nn.Conv2d(4, 4, 3))
+    >>> PushPullAvgInhibition(average=5)(network)[0]
+    PushPullAvgConv2d(1, 4, kernel_size=(3, 3), stride=(1, 1), average=5, alpha=1.0)
 
     Args:
         average: side of the square over which the pull is averaged; odd.

@@ -130,6 +130,10 @@ class PushPullAvgConv2d(InhibitedConv2d):
     It has the parameters of the convolution it replaces, and one more a channel only if ``train_alpha``: then the
     strengths start uniform in [0, 1] and act as ReLU(α). Unlike push-pull it has no setting that is the convolution.
 
+    >>> layer = PushPullAvgConv2d(3, 16, 3, padding=1, average=5, alpha=0.5)
+    >>> layer(torch.rand(8, 3, 32, 32)).shape
+    torch.Size([8, 16, 32, 32])
+
     Args:
         average: side of the square over which the pull is averaged; odd; 1 leaves it as it is.
         alpha: inhibition strength, at least 0, one number or one a channel; ignored if ``train_alpha``.

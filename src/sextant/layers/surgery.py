@@ -13,6 +13,10 @@ from sextant.errors import UserError
 class Rule:
     """Which modules to replace, and by what.
 
+    >>> rule = Rule("layer1.*", lambda old: nn.Identity(), nn.ReLU)
+    >>> rule.matches(nn.ReLU(), ["layer1.0.relu"]), rule.matches(nn.ReLU(), ["layer2.0.relu"])
+    (True, False)
+
     Args:
         pattern: of module paths such as ``layer1.0.conv1``, as in a shell: ``*`` is anything, dots included, ``?`` one
             character, ``[0-3]`` one of a range.

@@ -1,5 +1,6 @@
 """Fit, validate and test with Lightning; what the life cycle imports once everything light has been checked."""
 
+import platform
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -16,6 +17,7 @@ from pytorch_lightning.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from sextant.atomic_files import write_atomically, write_json
 from sextant.config import Config
 from sextant.config.building import naming_groups
+from sextant.config.schema.environment import Trainer
 from sextant.figures.style import save_figure
 from sextant.layers.global_batch_norm import global_batch_norm
 from sextant.lifecycle.published_figures import same_images
@@ -33,6 +35,9 @@ from sextant.tracking.mirror import MirroredRun
 from sextant.tracking.system_metrics import system_metrics
 from sextant.trained.content import load_weights, read_trained
 
+#: what PyTorch calls x86 processors that only emulate bfloat16: a convolution takes them ten times as long in it
+WITHOUT_BFLOAT16 = ("NO AVX", "DEFAULT", "AVX2")
+
 
 def train_and_test(
     config: Config,
@@ -49,6 +54,7 @@ def train_and_test(
     """
     began = time.monotonic()
     reset_peak_memory()
+    _tell_precision(config.trainer, reporter)
     recipe = recipe_of(config.task.name, reporter)
     logger = RunLogger(directory, mirror)
     resume = directory.last_checkpoint.is_file()
@@ -145,6 +151,7 @@ def test_checkpoint(
     """Test the model in a checkpoint under the conditions of ``config``, and write results as a training run does."""
     began = time.monotonic()
     reset_peak_memory()
+    _tell_precision(config.trainer, reporter)
     torch.set_num_threads(config.trainer.threads)
     module = model_from_checkpoint(config, content, checkpoint)
     recipe = recipe_of(config.task.name, reporter)
@@ -168,6 +175,24 @@ def _write_results(
     return results
 
 
+def precision_here(settings: Trainer) -> str:
+    """What is computed in: float32 where bfloat16 is asked of a processor that would only emulate it."""
+    emulated = (
+        (settings.accelerator, settings.precision) == ("cpu", "bf16-mixed")
+        and platform.machine() == "x86_64"
+        and torch.backends.cpu.get_cpu_capability() in WITHOUT_BFLOAT16
+    )
+    return "32-true" if emulated else settings.precision
+
+
+def _tell_precision(settings: Trainer, reporter: RunReporter) -> None:
+    if precision_here(settings) != settings.precision:
+        reporter.say(
+            f"trainer.precision={settings.precision}: this processor has no bfloat16 and would only emulate it, "
+            "many times slower than float32, which it uses instead"
+        )
+
+
 def _trainer(
     config: Config, directory: RunDirectory, logger: RunLogger | None, callbacks: list[Callback], rank: Rank | None
 ) -> pl.Trainer:
@@ -175,7 +200,7 @@ def _trainer(
         accelerator=config.trainer.accelerator,
         devices=1 if rank is None else config.trainer.devices,
         strategy="auto" if rank is None else Processes(),
-        precision=config.trainer.precision,
+        precision=precision_here(config.trainer),
         deterministic=config.trainer.deterministic,
         max_epochs=config.trainer.max_epochs,
         accumulate_grad_batches=config.trainer.accumulate,
@@ -247,7 +272,8 @@ def _with_record(
         write(directory.path / name)
     parameters = sum(parameter.numel() for parameter in module.parameters())
     table = {"table": record.table} if record.table else {}
-    return results | {"metrics": results["metrics"] | record.metrics, "parameters": parameters} | table | record.facts
+    facts = {"parameters": parameters, "precision": precision_here(config.trainer)} | table | record.facts
+    return results | {"metrics": results["metrics"] | record.metrics} | facts
 
 
 class _EpochSeed(Callback):

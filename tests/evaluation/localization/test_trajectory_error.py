@@ -236,6 +236,14 @@ def test_runs_that_do_not_move_or_never_converged_are_not_aligned(span):
     assert len(found.step) == max(span[1] - span[0] - 1, 0)
 
 
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_position_that_is_not_finite_is_not_taken_for_standing_still(which):
+    poses = [np.random.default_rng(0).normal(size=(5, 1, 3)) for _ in range(2)]
+    poses[which][2, 0, 0] = np.nan
+    with pytest.raises(ArgumentError, match=f"{('reference', 'estimate')[which]}: pose 2"):
+        pooled_errors(*poses, [(0, 5)])
+
+
 def test_segments_are_those_of_the_definition():
     """KITTI's errors, written as the benchmark defines them: one start and one length at a time."""
     rng = np.random.default_rng(3)

@@ -105,3 +105,5 @@ def test_what_cannot_be_fitted_is_refused():
     for temperature in (0.0, -1.0, float("nan")):
         with pytest.raises(ValueError, match="must be above 0"):
             place_posterior(similarities, positives, temperature)
+    with pytest.raises(ValueError, match="needs a reference"):
+        place_posterior(np.empty((1, 0)), Positives.from_lists([[]], 0), 1.0)

@@ -12,6 +12,7 @@ class Trainer(Node):
 
     Attributes:
         devices: processes that train one network, each on a device of its own: GPUs, or shares of the CPU's cores.
+        precision: of the network; a processor without bfloat16 takes float32 for ``bf16-mixed``, and says so.
         batch_size: images that a step learns from, over all processes; without ``accumulate``.
         accumulate: batches whose gradients are averaged for a step.
         patience: epochs without a better validation metric after which training ends; null trains all epochs.

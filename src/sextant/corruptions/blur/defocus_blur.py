@@ -51,6 +51,11 @@ class DefocusBlur(BenchmarkCorruption[tuple[float, float], None]):
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 
+    >>> spot = torch.zeros(1, 1, 9, 9)
+    >>> spot[..., 4, 4] = 1
+    >>> DefocusBlur(((2.0, 0.1),), "defocus_blur")(spot, level=1, indices=[0], seed=0)[0, 0, 4, 1:8].round(decimals=3)
+    tensor([0.0000, 0.0770, 0.0770, 0.0770, 0.0770, 0.0770, 0.0000])
+
     Args:
         table: (radius, softening) in pixels for each severity.
         name: the corruption's name.

@@ -15,6 +15,11 @@ class GaussianBlur(BenchmarkCorruption[float, None]):
 
     Source: Hendrycks & Dietterich, ICLR 2019 (an extra corruption, for validation), with ``skimage.filters.gaussian``.
 
+    >>> import torch
+    >>> line = torch.tensor([0.0, 0.0, 1.0, 0.0, 0.0]).view(1, 1, 1, 5)
+    >>> GaussianBlur((0.5,), "gaussian_blur")(line, level=1, indices=[0], seed=0).round(decimals=3)
+    tensor([[[[0.0000, 0.1060, 0.7870, 0.1060, 0.0000]]]])
+
     Args:
         table: σ in pixels for each severity.
         name: the corruption's name.

@@ -27,6 +27,13 @@ class GlassBlur(BenchmarkCorruption[tuple[float, int, int], Tensor]):
 
     Source: Hendrycks & Dietterich, ICLR 2019; for ``chance`` and ``down_only`` Mu & Gilmer 2019 (MNIST-C).
 
+    >>> image = torch.zeros(1, 1, 8, 8)
+    >>> image[..., 4:] = 1  # an edge, which becomes ragged
+    >>> GlassBlur(((0.1, 1, 1),), "glass_blur")(image, level=1, indices=[0], seed=0)[0, 0, 2:5].round()
+    tensor([[0., 1., 1., 0., 1., 1., 1., 1.],
+            [0., 0., 0., 0., 0., 1., 1., 1.],
+            [0., 0., 0., 1., 0., 1., 1., 1.]])
+
     Args:
         table: (σ in pixels, largest distance m, passes) for each severity.
         name: the corruption's name; enters the seeds.

@@ -18,6 +18,12 @@ class MotionBlur(BenchmarkCorruption[tuple[float, float], Tensor]):
     ImageMagick returns 8 bits, rounded to the nearest, and so does this.
     Source: Hendrycks & Dietterich, ICLR 2019.
 
+    >>> spot = torch.zeros(1, 1, 9, 9)
+    >>> spot[..., 4, 4] = 1
+    >>> blurred = MotionBlur(((3, 1.0),), "motion_blur")(spot, level=1, indices=[0], seed=0)
+    >>> blurred.max() < 1, (blurred > 0).sum() > 1
+    (tensor(True), tensor(True))
+
     Args:
         table: (radius, σ) in pixels for each severity.
         name: the corruption's name; enters the seeds.

@@ -36,6 +36,11 @@ class ZoomBlur(BenchmarkCorruption[tuple[float, float], None]):
 
     Source: Hendrycks & Dietterich, ICLR 2019. The image counts twice, once as the zoom by 1.
 
+    >>> image = torch.zeros(1, 1, 9, 9)
+    >>> image[..., 0, :] = 1  # a line on the border, which a zoom by 2 leaves out
+    >>> ZoomBlur(((2.5, 1.0),), "zoom_blur")(image, level=1, indices=[0], seed=0)[0, 0, 0, 4]  # (1 + 1 + 0) / 3
+    tensor(0.6667)
+
     Args:
         table: (end of the zooms, their step) for each severity.
         name: the corruption's name.

@@ -14,6 +14,10 @@ class Contrast(BenchmarkCorruption[float, None]):
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 
+    >>> import torch
+    >>> Contrast((0.5,), "contrast")(torch.tensor([[[[0.2, 0.6]]]]), level=1, indices=[0], seed=0)
+    tensor([[[[0.3000, 0.5000]]]])
+
     Args:
         table: c for each severity; 1 changes nothing.
         name: the corruption's name.

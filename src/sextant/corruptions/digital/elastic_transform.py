@@ -40,6 +40,11 @@ class ElasticTransform(BenchmarkCorruption[tuple[float, float, float], ElasticDr
     Source: Hendrycks & Dietterich, ICLR 2019, after Simard et al. 2003. The published rows are not in the order of
     their effect.
 
+    >>> images, still, warped = torch.rand(2, 3, 16, 16), (0.0, 1.0, 0.0), (0.1, 0.1, 0.1)
+    >>> elastic = ElasticTransform((still, warped), "elastic_transform")
+    >>> [elastic(images, level, [0, 1], seed=0).allclose(images, atol=1e-6) for level in (1, 2)]
+    [True, False]
+
     Args:
         table: (α, σ, γ) as fractions of the image's smaller side, for each severity.
         name: the corruption's name; enters the seeds.

@@ -27,6 +27,11 @@ class JPEGCompression(BenchmarkCorruption[int, None]):
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 
+    >>> image = torch.rand(1, 3, 16, 16)
+    >>> high, low = (JPEGCompression((quality,), "jpeg")(image, 1, [0], seed=0) for quality in (95, 10))
+    >>> (high - image).abs().mean() < (low - image).abs().mean()
+    tensor(True)
+
     Args:
         table: JPEG quality for each severity.
         name: the corruption's name.

@@ -66,6 +66,10 @@ class Pixelate(BenchmarkCorruption[float, None]):
 
     Source: Hendrycks & Dietterich, ICLR 2019, with Pillow.
 
+    >>> image = torch.tensor([[[[0.0, 0.4, 1.0, 0.6]] * 2]])
+    >>> Pixelate((0.5,), "pixelate")(image, level=1, indices=[0], seed=0)[0, 0, 0]  # blocks of two by two
+    tensor([0.2000, 0.2000, 0.8000, 0.8000])
+
     Args:
         table: f for each severity.
         name: the corruption's name.

@@ -24,6 +24,10 @@ class Saturate(BenchmarkCorruption[tuple[float, float], None]):
     Source: Hendrycks & Dietterich, ICLR 2019 (an extra corruption, for validation). The published rows are not in the
     order of their effect: the first two take colour away, the others add to it.
 
+    >>> reddish = torch.tensor([0.8, 0.4, 0.4]).view(1, 3, 1, 1)
+    >>> Saturate(((0.5, 0.0),), "saturate")(reddish, level=1, indices=[0], seed=0).flatten()  # half the saturation
+    tensor([0.8000, 0.6000, 0.6000])
+
     Args:
         table: (c₀, c₁) for each severity.
         name: the corruption's name.

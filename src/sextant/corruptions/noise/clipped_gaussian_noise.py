@@ -16,6 +16,10 @@ class ClippedGaussianNoise(BenchmarkCorruption[float, Tensor]):
     Source: Hendrycks & Dietterich, ICLR 2019. :class:`~sextant.corruptions.GaussianNoise` takes variances and need not
     clip.
 
+    >>> grey = torch.full((1, 1, 28, 28), 0.5)
+    >>> ClippedGaussianNoise((0.1,), "gaussian_noise")(grey, level=1, indices=[0], seed=0).std()
+    tensor(0.1005)
+
     Args:
         table: standard deviation σ for each severity.
         name: the corruption's name; enters the seeds.

@@ -18,6 +18,10 @@ class ContrastPoisson(Corruption[list[int]]):
     Source: Strisciuglio et al. 2020, section 4.1 (MNIST). The paper does not state the Poisson scale; ``peak = 256``
     counts at white is what scikit-image's ``random_noise`` uses on an 8-bit image.
 
+    >>> darker = ContrastPoisson([0.5])(torch.ones(1, 1, 28, 28), level=0.5, indices=[0], seed=0)
+    >>> darker.mean()  # 1/2 + 0.5 / 2
+    tensor(0.7482)
+
     Args:
         levels: contrast factors in (0, 1]; 1 leaves the contrast as it is.
         peak: photon count of a white pixel, above 0.

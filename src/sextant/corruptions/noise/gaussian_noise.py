@@ -18,6 +18,10 @@ class GaussianNoise(Corruption[Tensor]):
 
     Source: Strisciuglio et al. 2020, section 4.1 (MNIST); the paper does not clip.
 
+    >>> noisy = GaussianNoise([0.01])(torch.zeros(2, 1, 28, 28), level=0.01, indices=[0, 1], seed=0)
+    >>> noisy.std()  # the root of the variance
+    tensor(0.0990)
+
     Args:
         levels: noise variances, at least 0.
         clip: clip the result to [0, 1].

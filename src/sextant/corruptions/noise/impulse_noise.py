@@ -16,6 +16,11 @@ class ImpulseNoise(BenchmarkCorruption[float, Tensor]):
     Source: Hendrycks & Dietterich, ICLR 2019; their ``skimage.util.random_noise`` treats the channels of a pixel
     independently, and so does this.
 
+    >>> grey = torch.full((1, 1, 2, 4), 0.5)
+    >>> ImpulseNoise((0.5,), "impulse_noise")(grey, level=1, indices=[0], seed=0)
+    tensor([[[[0.5000, 0.5000, 0.5000, 0.5000],
+              [0.5000, 1.0000, 0.0000, 1.0000]]]])
+
     Args:
         table: p for each severity.
         name: the corruption's name; enters the seeds.

@@ -16,6 +16,10 @@ class ShotNoise(BenchmarkCorruption[float, list[int]]):
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 
+    >>> grey = torch.full((1, 1, 1, 6), 0.5)
+    >>> ShotNoise((10.0,), "shot_noise")(grey, level=1, indices=[0], seed=0)  # whole tenths
+    tensor([[[[0.6000, 0.4000, 0.7000, 0.8000, 0.2000, 0.2000]]]])
+
     Args:
         table: photon count c of a white pixel for each severity.
         name: the corruption's name; enters the seeds.

@@ -14,6 +14,11 @@ class SpeckleNoise(ClippedGaussianNoise):
 
     Source: Hendrycks & Dietterich, ICLR 2019 (an extra corruption, for validation).
 
+    >>> import torch
+    >>> image = torch.tensor([0.0, 0.1, 0.5]).view(1, 1, 1, 3)
+    >>> SpeckleNoise((0.2,), "speckle_noise")(image, level=1, indices=[0], seed=0)  # black stays black
+    tensor([[[[0.0000, 0.0956, 0.4346]]]])
+
     Args:
         table: σ for each severity.
         name: the corruption's name; enters the seeds.

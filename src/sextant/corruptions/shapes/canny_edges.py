@@ -20,6 +20,11 @@ class CannyEdges(BenchmarkCorruption[tuple[()], None]):
     and there is one severity.
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
+
+    >>> square = torch.zeros(1, 1, 16, 16)
+    >>> square[..., 4:12, 4:12] = 1
+    >>> CannyEdges(((),), "canny_edges")(square, level=1, indices=[0], seed=0)[0, 0, 7].nonzero().flatten()
+    tensor([ 4, 11])
     """
 
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:

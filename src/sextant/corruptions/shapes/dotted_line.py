@@ -17,6 +17,10 @@ class DottedLine(BenchmarkCorruption[tuple[()], Tensor]):
     There is one severity.
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
+
+    >>> dotted = DottedLine(((),), "dotted_line")(torch.zeros(1, 1, 28, 28), level=1, indices=[0], seed=0)
+    >>> dotted.amax((0, 1, 2))[:8] > 0  # two columns of each four
+    tensor([False, False,  True,  True, False, False,  True,  True])
     """
 
     def draw(

@@ -19,6 +19,12 @@ class Rotate(BenchmarkCorruption[float, Tensor]):
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 
+    >>> image = torch.tensor([[[[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]]])
+    >>> Rotate((torch.pi / 2,), "rotate")(image, level=1, indices=[0], seed=0).round().abs()
+    tensor([[[[0., 0., 0.],
+              [1., 0., 0.],
+              [0., 0., 0.]]]])
+
     Args:
         table: |φ| in radians for each severity.
     """

@@ -18,6 +18,9 @@ class Scale(BenchmarkCorruption[float, None]):
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 
+    >>> Scale((2.0,), "scale")(torch.ones(1, 1, 8, 8), level=1, indices=[0], seed=0).mean()  # a quarter of the area
+    tensor(0.2500)
+
     Args:
         table: f for each severity.
     """

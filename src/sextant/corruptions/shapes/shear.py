@@ -19,6 +19,15 @@ class Shear(BenchmarkCorruption[float, Tensor]):
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 
+    >>> image = torch.zeros(1, 1, 5, 5)
+    >>> image[..., 2] = 1  # an upright line, which leans
+    >>> Shear((torch.pi / 4,), "shear", mode="corrected")(image, level=1, indices=[0], seed=0)
+    tensor([[[[1., 0., 0., 0., 0.],
+              [0., 1., 0., 0., 0.],
+              [0., 0., 1., 0., 0.],
+              [0., 0., 0., 1., 0.],
+              [0., 0., 0., 0., 1.]]]])
+
     Args:
         table: |φ| in radians for each severity.
         mode: ``faithful`` has ``A = [[1, -sin φ], [0, cos φ]]``, what scikit-image understood by a shear at the

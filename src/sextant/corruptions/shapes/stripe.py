@@ -17,6 +17,9 @@ class Stripe(BenchmarkCorruption[tuple[()], None]):
     Nothing is random, and there is one severity.
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
+
+    >>> Stripe(((),), "stripe")(torch.zeros(1, 1, 1, 8), level=1, indices=[0], seed=0)
+    tensor([[[[1., 1., 0., 0., 0., 0., 1., 1.]]]])
     """
 
     def draw(self, level: float, indices: Int64[Tensor, "b"], shape: tuple[int, ...], seed: int) -> None:

@@ -17,6 +17,11 @@ class Translate(BenchmarkCorruption[float, Tensor]):
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 
+    >>> image = torch.zeros(1, 1, 5, 5)
+    >>> image[..., 2, 2] = 1
+    >>> Translate((1.0,), "translate")(image, level=1, indices=[0], seed=0).nonzero()[:, 2:]
+    tensor([[3, 3]])
+
     Args:
         table: t in pixels for each severity.
     """

@@ -23,6 +23,12 @@ class Zigzag(BenchmarkCorruption[tuple[()], Tensor]):
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
 
+    >>> Zigzag(((),), "zigzag").corners(torch.tensor([[10, 0]]))[0, :4]  # from row 10, level
+    tensor([[ 2., 10.],
+            [ 4., 12.],
+            [ 8.,  8.],
+            [12., 12.]], dtype=torch.float64)
+
     Args:
         mode: ``faithful`` ends the wave where the published formula does, ``h / (2 (d - m))`` off the line for a line
             of length d with m the last whole half period, h = -2; ``corrected`` ends it on the wave.

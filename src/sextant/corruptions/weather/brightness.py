@@ -19,6 +19,10 @@ class Brightness(BenchmarkCorruption[float, None]):
 
     Source: Hendrycks & Dietterich, ICLR 2019.
 
+    >>> colour = torch.tensor([0.4, 0.2, 0.1]).view(1, 3, 1, 1)
+    >>> Brightness((0.2,), "brightness")(colour, level=1, indices=[0], seed=0).flatten()  # the hue stays
+    tensor([0.6000, 0.3000, 0.1500])
+
     Args:
         table: c for each severity.
         name: the corruption's name.

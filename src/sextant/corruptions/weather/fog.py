@@ -22,6 +22,10 @@ class Fog(BenchmarkCorruption[tuple[float, float], Tensor]):
 
     Source: Hendrycks & Dietterich, "Benchmarking neural network robustness", ICLR 2019, and its published code.
 
+    >>> foggy = Fog(((1.5, 2.0),), "fog")(torch.eye(16)[None, None], level=1, indices=[0], seed=0)
+    >>> foggy.mean() > 1 / 16, foggy.max() <= 1
+    (tensor(True), tensor(True))
+
     Args:
         table: (c, decay of the plasma) for each severity.
         map_size: side of the map, a power of two; None, or less than the image, takes the smallest that covers it.

@@ -33,6 +33,10 @@ class Frost(BenchmarkCorruption[tuple[float, float], FrostDraw]):
 
     Source: Hendrycks & Dietterich, "Benchmarking neural network robustness", ICLR 2019, and its published code.
 
+    >>> drawn = Frost(((0.8, 0.4),), "frost", shrink=0.2).draw(1, torch.arange(100), (3, 32, 32), seed=0)
+    >>> drawn.kinds.unique(), drawn.tops.max() <= 154 - 32  # cut-outs of 154x205 pixels
+    (tensor([0, 1, 2, 3, 4]), tensor(True))
+
     Args:
         table: (a, b) for each severity.
         shrink: size of the textures, 1 for 768x1024 pixels as for ImageNet-C; CIFAR-10-C has 0.2, bilinear without

@@ -44,6 +44,11 @@ class Snow(BenchmarkCorruption[tuple[float, ...], SnowDraw]):
 
     Source: Hendrycks & Dietterich, "Benchmarking neural network robustness", ICLR 2019, and its published code.
 
+    >>> row = SnowRow(mean=0.1, spread=0.3, zoom=2, threshold=0.5, radius=4, sigma=2, mix=0.8)
+    >>> snowy = Snow((row,), "snow")(torch.zeros(1, 3, 32, 32), level=1, indices=[0], seed=0)
+    >>> snowy.min()  # 0.2 · 0.5: where there is no flake the image is whiter all the same
+    tensor(0.1000)
+
     Args:
         table: the values of :class:`SnowRow` for each severity.
         mode: ``faithful`` holds the flakes in 8 bits before the blur (rounded down) and after it (rounded), as the

@@ -42,6 +42,11 @@ class Spatter(BenchmarkCorruption[tuple[float, ...], Tensor]):
 
     Source: Hendrycks & Dietterich, "Benchmarking neural network robustness", ICLR 2019, and its published code.
 
+    >>> row = SpatterRow(mean=0.65, spread=0.3, sigma=2, threshold=0.65, strength=0.5, mud=1)
+    >>> muddy = Spatter((row,), "spatter")(torch.ones(1, 3, 32, 32), level=1, indices=[0], seed=0)
+    >>> muddy.amin((0, 2, 3)) * 255  # brown
+    tensor([63., 42., 20.])
+
     Args:
         table: the values of :class:`SpatterRow` for each severity.
         mode: both are the same but for liquid above 1, which ``faithful`` lets overflow its 8 bits as the benchmark

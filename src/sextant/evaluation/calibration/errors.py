@@ -49,6 +49,12 @@ def calibration_errors(
         truth: the true ones.
         aspect: width over height of each image.
         k2_of_k1: the lens family.
+
+    >>> truth = CameraParameters(*torch.tensor([[0.0], [0.0], [1.0], [0.0]]))
+    >>> wrong = CameraParameters(*torch.tensor([[torch.pi / 90], [0.0], [1.1], [0.0]]))  # 2° up, 10 % too long
+    >>> errors = calibration_errors(wrong, truth, aspect=torch.tensor([1.5]))
+    >>> {name: round(float(errors[name][0]), 2) for name in ("tilt_deg", "focal_percent", "undistortion_px")}
+    {'tilt_deg': 2.0, 'focal_percent': 10.0, 'undistortion_px': 0.0}
     """
     predicted, truth = predicted.to(dtype=torch.float64), truth.to(dtype=torch.float64)
     lens = Parameterization("direct", k2_of_k1)
@@ -68,14 +74,24 @@ def calibration_errors(
 
 
 def true_vfov(camera: CameraParameters, lens: Parameterization) -> Float[Tensor, "*b"]:
-    """Angle between the rays of the middles of the top and bottom edges, radians, distortion included."""
+    """Angle between the rays of the middles of the top and bottom edges, radians, distortion included.
+
+    >>> cameras = CameraParameters(*torch.tensor([[0.0, 0.0], [0.0, 0.0], [0.5, 0.5], [0.0, -0.1]]))
+    >>> torch.rad2deg(true_vfov(cameras, Parameterization("direct")))  # a barrel sees more
+    tensor([90.0000, 97.2083])
+    """
     return 2 * torch.atan(undistort_radius(0.5 / camera.focal, camera.k1, lens.k2(camera.k1)))
 
 
 def bearing_error(
     predicted: CameraParameters, truth: CameraParameters, grid: Float[Tensor, "b n 2"], lens: Parameterization
 ) -> Float[Tensor, "b"]:
-    """Mean angle between the rays of image points under two cameras, in the gravity frame, radians."""
+    """Mean angle between the rays of image points under two cameras, in the gravity frame, radians.
+
+    >>> level, raised = (CameraParameters(*torch.tensor([[t], [0.0], [100.0], [0.0]])) for t in (0.0, 0.1))
+    >>> bearing_error(raised, level, bearing_grid(GRID, torch.ones(1)), Parameterization("direct"))
+    tensor([0.1000])
+    """
     chord = world_bearings(predicted, lens, grid) - world_bearings(truth, lens, grid)
     half = torch.linalg.vector_norm(chord, dim=-1) / 2  # the sine of half the angle: exact for small ones
     return 2 * torch.asin(half.clamp(max=1)).mean(-1)
@@ -84,7 +100,13 @@ def bearing_error(
 def undistorted(
     camera: CameraParameters, grid: Float[Tensor, "b n 2"], lens: Parameterization
 ) -> Float[Tensor, "b n 2"]:
-    """Where image points lie once distortion is removed at the camera's own focal length, in image heights."""
+    """Where image points lie once distortion is removed at the camera's own focal length, in image heights.
+
+    >>> camera = CameraParameters(*torch.tensor([[0.0], [0.0], [1.0], [-0.1]]))  # a barrel: borders are pulled inwards
+    >>> undistorted(camera, torch.tensor([[[0.0, 0.0], [0.5, 0.5]]]), Parameterization("direct"))[0]
+    tensor([[0.0000, 0.0000],
+            [0.5285, 0.5285]])
+    """
     focal, k1 = camera.focal[:, None], camera.k1[:, None]
     rays = perspective_bearings(grid, focal, k1, lens.k2(k1))
     return focal[..., None] * rays[..., :2] / rays[..., 2:]

@@ -79,6 +79,10 @@ def fuse(
     Raises:
         ValueError: there is no estimate, one is not finite, a standard error is not above 0, or no photo says anything
             of a quantity.
+
+    >>> found = fuse(np.array([[1.0], [1.1], [3.0]]), np.full((3, 1), 0.1))  # the third photo is not of this camera
+    >>> found.values, found.kept
+    (array([1.05]), array([ True,  True, False]))
     """
     values, sigmas = np.asarray(values, float), np.asarray(sigmas, float)
     if values.ndim != 2 or values.size == 0 or values.shape != sigmas.shape:
@@ -102,7 +106,12 @@ def fuse(
 
 
 def with_prior(fusion: Fusion, quantity: int, prior: Prior) -> Fusion:
-    """Combine one of the fused quantities with what was known of it: the product of two normal densities."""
+    """Combine one of the fused quantities with what was known of it: the product of two normal densities.
+
+    >>> found = with_prior(fuse(np.array([[1.0]]), np.array([[0.1]])), 0, Prior(mean=1.2, sigma=0.1))
+    >>> found.values, found.sigmas.round(3), round(found.prior_z, 2)  # half-way, 0.1 / sqrt(2), and 0.2 / (0.1 sqrt(2))
+    (array([1.1]), array([0.071]), 1.41)
+    """
     value, sigma = fusion.values[quantity], fusion.sigmas[quantity]
     weight = 1 / sigma**2, 1 / prior.sigma**2
     values, sigmas = fusion.values.copy(), fusion.sigmas.copy()

@@ -58,6 +58,12 @@ class Truth:
         cameras: tilt, roll, focal length (image heights) and k1; nan where it is not known.
         aspect: width over height.
         clusters: photos of one are not independent.
+
+    Example:
+        >>> truth = Truth(np.array([[0.0, 0.0, 1.0, np.nan]]), aspect=np.array([1.5]), clusters=["hall"])
+        >>> errors = truth.errors(np.array([[0.0, 0.0, 1.1, 0.0]]))
+        >>> errors["focal_percent"].round(6), errors["k1"]  # the true k1 is not known
+        (array([10.]), array([nan]))
     """
 
     cameras: Float64[ndarray, "n 4"]
@@ -82,7 +88,13 @@ class Truth:
 
 
 def error_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
-    """Medians with 95 % intervals over clusters, and AUC@1/5/10 in per cent, of each method."""
+    """Medians with 95 % intervals over clusters, and AUC@1/5/10 in per cent, of each method.
+
+    >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]]), aspect=np.array([1.5]), clusters=["hall"])
+    >>> titles, rows = error_table(truth, {"ours": Answers(np.array([[0.0, np.radians(2), 1.0, 0.0]]), {}, ["good"])})
+    >>> titles[:4], rows[0][:4]
+    (['method', 'photos', 'roll (°)', 'AUC@1/5/10'], ['ours', '1', '2.00', '0.0 / 70.0 / 85.0'])
+    """
     titles = ["method", "photos"]
     for title, _, _, areas in COLUMNS:
         titles += [title, f"AUC@{'/'.join(map(str, AUC_DEG))}"] if areas else [title]
@@ -101,7 +113,13 @@ def error_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
 
 
 def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
-    """How often the 68 and 95 % intervals hold the truth, in per cent with intervals over clusters."""
+    """How often the 68 and 95 % intervals hold the truth, in per cent with intervals over clusters.
+
+    >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 2), aspect=np.ones(2), clusters=["hall", "hall"])
+    >>> tilted = truth.cameras + [[0.1, 0, 0, 0], [0.3, 0, 0, 0]]  # radians
+    >>> interval_table(truth, {"ours": Answers(tilted, {95: np.full((2, 4), 0.2)}, ["good", "good"])})
+    (['method', 'tilt, 95 %', 'roll, 95 %', 'vfov, 95 %'], [['ours', '50', '100', '100']])
+    """
     names = ("tilt", "roll", "vfov")
     rows = []
     for name, answers in methods.items():
@@ -117,7 +135,13 @@ def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
 
 
 def verdict_table(truth: Truth, answers: Answers, wrong: float = 20.0) -> Table:
-    """Of each verdict: how many photos have it, and how large their errors are."""
+    """Of each verdict: how many photos have it, their errors, and how many focal lengths are off by over ``wrong`` %.
+
+    >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 2), aspect=np.ones(2), clusters=["hall", "hall"])
+    >>> said = Answers(truth.cameras * [[1, 1, 1.1, 1], [1, 1, 1.5, 1]], {}, ["good", "weak"])
+    >>> [[row[0], *row[-2:]] for row in verdict_table(truth, said)[1][:2]]  # per cent, and how many are too far off
+    [['good', '10.0', '0'], ['weak', '50.0', '1']]
+    """
     errors = truth.errors(answers.cameras)
     rows = []
     for verdict in ("good", "weak", "not trustworthy", "failed"):

@@ -63,6 +63,13 @@ class LooksSpread:
     Attributes:
         mean: of the set.
         whitening: turns a difference to the mean into a vector as long as the distance.
+
+    Example:
+        >>> noise = torch.rand(40, 3, 24, 32, generator=torch.Generator().manual_seed(0))
+        >>> spread = LooksSpread.fit(picture_looks(noise))
+        >>> noise[0] = 0.5  # grey
+        >>> spread.distance(picture_looks(noise)).argmax()
+        tensor(0)
     """
 
     mean: Float[Tensor, "16"]
@@ -85,7 +92,14 @@ class LooksSpread:
 
 
 def own_distances(looks: Float[Tensor, "n 16"], scenes: Int64[Tensor, "n"]) -> Float[Tensor, "n"]:
-    """How far each picture of a set is from those of all other scenes; infinite where there is no other scene."""
+    """How far each picture of a set is from those of all other scenes; infinite where there is no other scene.
+
+    >>> pictures = torch.rand(40, 3, 24, 32, generator=torch.Generator().manual_seed(0))
+    >>> pictures[:2] /= 2  # the first scene is darker
+    >>> distances = own_distances(picture_looks(pictures), torch.arange(40) // 2)
+    >>> bool(distances[:2].min() > distances[2:].max())
+    True
+    """
     distances = torch.full_like(looks[:, 0], torch.inf)
     for scene in scenes.unique():
         own = scenes == scene

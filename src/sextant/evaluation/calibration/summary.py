@@ -65,6 +65,10 @@ def auc(errors: Float[ndarray, "n"], threshold: float, full_below: float = FULL_
 
     Raises:
         ValueError: ``threshold`` is not positive or below ``full_below``.
+
+    >>> errors = np.array([0.5, 3.0])
+    >>> round(auc(errors, 5), 6), auc(errors, 1)  # (1 + 0.4) / 2 + 2 / 20, and one of two is up to 1
+    (0.8, 0.5)
     """
     if not len(errors):
         return float("nan")
@@ -107,6 +111,11 @@ def summary(
 
     Raises:
         ValueError: there are no images, or an error has another number of them than ``panoramas``.
+
+    >>> errors = {"tilt_deg": np.array([0.5, 1.0, 4.0, np.nan])}
+    >>> found = summary(errors, panoramas=np.array([0, 0, 1, 1]))["tilt_deg"]
+    >>> found.answered, found.median.value, round(found.mean.value, 2)  # the median of 0.5, 1, 4 and inf
+    (0.75, 2.5, 1.83)
     """
     if not len(panoramas) or any(len(values) != len(panoramas) for values in errors.values()):
         raise ValueError(f"need errors and a panorama for each image, got {len(panoramas)} panoramas")
@@ -119,7 +128,11 @@ def summary(
 
 
 def cluster_resamples(clusters: Int64[ndarray, "n"], resamples: int, seed: int) -> Int64[ndarray, "resamples k"]:
-    """How often each cluster is drawn in bootstrap resamples of whole clusters, numbered from 0."""
+    """How often each cluster is drawn in bootstrap resamples of whole clusters, numbered from 0.
+
+    >>> cluster_resamples(np.array([0, 0, 1]), resamples=4, seed=0).sum(axis=1)  # two clusters, each time two draws
+    array([2, 2, 2, 2])
+    """
     k = int(clusters.max()) + 1
     return np.random.default_rng(seed).multinomial(k, np.full(k, 1 / k), size=resamples)
 
@@ -161,7 +174,11 @@ def _summary_of(
 
 
 def median_error(errors: Float[ndarray, "n"]) -> float:
-    """The median; nan counts as an infinite error."""
+    """The median; nan counts as an infinite error.
+
+    >>> median_error(np.array([1.0, 2.0, np.nan]))
+    2.0
+    """
     return _median(_infinite(errors))
 
 
@@ -216,6 +233,10 @@ def methods_table(
     Args:
         methods: summaries of each method, in the order of the rows; an error that one lacks is a dash.
         intervals: give each median its interval.
+
+    >>> titles, rows = methods_table({"ours": summary({"tilt_deg": np.array([0.5, 1.5])}, np.array([0, 1]))})
+    >>> titles[:3], rows[0][:3]
+    (['method', 'answered (%)', 'tilt (°)'], ['ours', '100', '1.00'])
     """
     titles = [title for title, _, _ in TABLE]
     areas = [f"{name.removesuffix('_deg')} AUC@{'/'.join(map(str, AUC_DEG))}" for name in AUC_OF]

@@ -29,7 +29,13 @@ class CorruptionBaseline:
 
     @classmethod
     def of_model(cls, name: str, source: str, errors: CorruptionErrors) -> "CorruptionBaseline":
-        """Make a tested model the baseline; its own CE and relative CE are 1 then."""
+        """Make a tested model the baseline; its own CE and relative CE are 1 then.
+
+        >>> from sextant.evaluation.classification.corruption_score import corruption_score
+        >>> errors = CorruptionErrors(0.1, {"fog": (0.2, 0.4)})
+        >>> corruption_score(errors, CorruptionBaseline.of_model("mine", "run 12", errors)).mean_ce
+        1.0
+        """
         return cls(name, source, errors.clean, dict(errors.severities))
 
 

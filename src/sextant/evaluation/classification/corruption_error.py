@@ -33,6 +33,9 @@ class CorruptionErrors:
         clean: error on clean images.
         severities: error by corruption, one a severity.
 
+    Raises:
+        ValueError: an error is not a share, or a corruption has no severity.
+
     Example:
         >>> errors = CorruptionErrors.of_conditions({"clean": 0.1, "fog/1": 0.2, "fog/2": 0.4, "snow/1": 0.5})
         >>> round(errors.by_corruption()["fog"], 2), round(errors.mean(), 2)  # every corruption counts the same
@@ -88,7 +91,11 @@ def error_rate(predictions: Integer[ndarray, "n"], labels: Integer[ndarray, "n"]
 
 
 def present(corruptions: Sequence[str] | None, found: Mapping[str, object]) -> tuple[str, ...]:
-    """``corruptions``, or all that were found; ``ValueError`` with the missing ones, or if there is none at all."""
+    """``corruptions``, or all that were found; ``ValueError`` with the missing ones, or if there is none at all.
+
+    >>> present(None, {"fog": 0.2, "snow": 0.3})
+    ('fog', 'snow')
+    """
     names = tuple(found if corruptions is None else corruptions)
     if missing := [name for name in names if name not in found]:
         raise ValueError(f"no error is known for {', '.join(missing)}; there is one for {', '.join(found)}")

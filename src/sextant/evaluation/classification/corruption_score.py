@@ -50,6 +50,9 @@ def corruption_ratio(errors: Sequence[float], baseline: Sequence[float]) -> floa
 
     Raises:
         ValueError: the severities differ in number, there is none, or the baseline makes no error.
+
+    >>> round(corruption_ratio([0.2, 0.4], [0.3, 0.5]), 2), round(corruption_ratio([0.2, 0.4], [0.4]), 2)
+    (0.75, 0.75)
     """
     return relative_corruption_ratio(errors, 0.0, baseline, 0.0)
 
@@ -63,6 +66,9 @@ def relative_corruption_ratio(
 
     Raises:
         ValueError: the severities differ in number, there is none, or the baseline loses nothing.
+
+    >>> round(relative_corruption_ratio([0.2, 0.4], 0.1, [0.3, 0.5], 0.1), 2)  # (0.1 + 0.3) / (0.2 + 0.4)
+    0.67
     """
     if len(baseline) not in (1, len(errors)) or not errors:
         raise ValueError(f"{len(errors)} severities need as many of the baseline, or their mean; got {len(baseline)}")

@@ -32,7 +32,11 @@ BENCHMARK_PERTURBATIONS = (
 
 
 def is_noise(perturbation: str) -> bool:
-    """Whether frames of this perturbation are compared with the first one."""
+    """Whether frames of this perturbation are compared with the first one.
+
+    >>> is_noise("shot_noise"), is_noise("tilt")
+    (True, False)
+    """
     return perturbation.endswith("noise")
 
 

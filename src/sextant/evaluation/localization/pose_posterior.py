@@ -63,7 +63,12 @@ class PosteriorCalibration:
 
 
 def pose_errors(truth: Float[ndarray, "*n 3"], estimate: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 3"]:
-    """Truth minus estimate in metres and radians, the heading in [-π, π)."""
+    """Truth minus estimate in metres and radians, the heading in [-π, π).
+
+    >>> truth, estimate = np.array([2.0, 1.0, np.radians(179)]), np.array([1.5, 1.0, np.radians(-179)])
+    >>> pose_errors(truth, estimate).round(3)  # the headings are 2° apart
+    array([ 0.5  ,  0.   , -0.035])
+    """
     difference = truth - estimate
     difference[..., 2] = (difference[..., 2] + np.pi) % (2 * np.pi) - np.pi
     return np.asarray(difference)

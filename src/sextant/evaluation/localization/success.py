@@ -65,6 +65,10 @@ def within(
 
     Raises:
         ValueError: an error is negative, or headings are needed and missing.
+
+    >>> protocol = LocalizationProtocol(position=0.5, heading_deg=10.0, frames=2)
+    >>> within(np.array([[0.4, 0.4, 0.6, np.nan]]), np.array([[5.0, 15.0, 5.0, 5.0]]), protocol)
+    array([[ True, False, False, False]])
     """
     near = _within(position, protocol.position)
     if protocol.heading_deg is None:
@@ -91,6 +95,10 @@ def converged_at(
 
     Raises:
         ValueError: ``frames`` is not positive or the horizon is negative.
+
+    >>> inside = np.array([[True, False, True, True], [True, False, False, True]])
+    >>> converged_at(inside, frames=2)
+    array([ 2, -1])
     """
     if frames < 1 or (horizon is not None and horizon < 0):
         raise ValueError(f"frames={frames} must be positive and horizon={horizon} not negative")
@@ -118,6 +126,9 @@ def tracking_share(
         inside: what `within` says.
         converged: what `converged_at` says.
         length: frames of each drive, where they differ.
+
+    >>> tracking_share(np.array([[False, True, True, False, True]]), np.array([1]))  # 3 of the 4 frames from 1 on
+    array([0.75])
     """
     ends = np.full(len(inside), inside.shape[1]) if length is None else length
     at = np.arange(inside.shape[1])
@@ -127,7 +138,12 @@ def tracking_share(
 
 
 def share_of(holds: Bool[ndarray, " runs"], confidence: float = 0.95) -> Share:
-    """The share of runs for which something holds, with its interval."""
+    """The share of runs for which something holds, with its interval.
+
+    >>> found = share_of(np.ones(8, bool))
+    >>> f"{found.rate:.2f} [{found.low:.2f}, {found.high:.2f}]"  # so few runs do not show more than two in three
+    '1.00 [0.68, 1.00]'
+    """
     count, runs = int(holds.sum()), len(holds)
     if runs == 0:
         return Share(0, 0, float("nan"), 0.0, 1.0)
@@ -149,6 +165,9 @@ def global_localization(
         protocol: how many frames running.
         horizon: last frame at which a run may converge; by default the drive's end.
         length: frames of each drive that count, where they differ: all of it, or those before a kidnap.
+
+    Raises:
+        ValueError: the horizon is negative.
 
     >>> inside = np.array([[False, False, True, True, True, False], [False] * 6])  # two runs of six frames
     >>> found = global_localization(inside, LocalizationProtocol(position=0.5, heading_deg=10.0, frames=2))
@@ -176,6 +195,9 @@ def recovery_after(
         protocol: how many frames running.
         horizon: a run recovers within so many frames, or it has not.
         length: frames of each drive that count, where they differ: all of it, or those before the next kidnap.
+
+    Raises:
+        ValueError: the horizon is negative.
 
     >>> inside = np.array([[True, True, False, False, True, True]])  # kidnapped at frame 2
     >>> found = recovery_after(inside, np.array([2]), LocalizationProtocol(position=0.5, heading_deg=10.0, frames=2))

@@ -55,6 +55,10 @@ class ErrorStatistics:
 
         Raises:
             ValueError: there is none.
+
+        >>> found = ErrorStatistics.of(np.array([1.0, 7.0]))
+        >>> found.rmse, found.mean, found.std  # 5² = 4² + 3²
+        (5.0, 4.0, 3.0)
         """
         if errors.size == 0:
             raise ValueError("a trajectory without errors has no statistics: no frame, or no pair at this distance")
@@ -82,6 +86,7 @@ def absolute_errors(
 
     Raises:
         ValueError: shapes differ, or positions lie too much in a line to be aligned.
+        ArgumentError: a pose is to be aligned and not finite.
 
     >>> truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     >>> shifted = truth + [0.5, 0.0, 0.0]
@@ -160,6 +165,10 @@ def segment_errors(
         ValueError: shapes differ.
 
     Source: A. Geiger et al., "Are we ready for autonomous driving?", CVPR 2012, and the benchmark's definition.
+
+    >>> truth = np.column_stack([np.arange(11.0), np.zeros(11), np.zeros(11)])  # 10 m straight on
+    >>> segment_errors(truth, 1.02 * truth, lengths_m=[5.0])  # the segment ends at 6 m: 0.12 m / 5 m
+    (array([0.024]), array([0.]))
     """
     truth, guess = _matrices(reference, estimate)
     steps = np.linalg.norm(np.diff(truth[:, :-1, -1], axis=0), axis=1)
@@ -194,13 +203,22 @@ def pooled_errors(reference: Float[ndarray, "t r 3"], estimate: Float[ndarray, "
     Args:
         reference, estimate: poses by step and run.
         spans: the first step of each run that counts, and the one after the last.
+
+    Raises:
+        ArgumentError: a position is not finite.
+
+    >>> truth = np.zeros((3, 2, 3))  # the second of two runs stands still
+    >>> truth[:, 0, :2] = [[0, 0], [1, 0], [1, 1]]
+    >>> found = pooled_errors(truth, truth + [0.5, 0.0, 0.0], spans=[(0, 3), (0, 3)])
+    >>> found.aligned.round(6), found.step
+    (array([0., 0., 0.]), array([0., 0., 0., 0.]))
     """
     aligned, step, turned = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
     for run, (first, end) in enumerate(spans):
         truth, guess = reference[first:end, run], estimate[first:end, run]
         if len(truth) == 0:
             continue
-        if min(np.ptp(poses[:, :2], axis=0).max() for poses in (truth, guess)) > STILL:
+        if not np.min([np.ptp(poses[:, :2], axis=0).max() for poses in (truth, guess)]) <= STILL:  # nan is told below
             aligned.append(absolute_errors(truth, guess, alignment="rigid"))
         step.append(relative_errors(truth, guess))
         turned.append(relative_errors(truth, guess, part="rotation_deg"))
@@ -221,6 +239,12 @@ def align(
     Raises:
         ValueError: the positions leave the rotation open.
         ArgumentError: a pose is not finite.
+
+    >>> truth = np.tile(np.eye(3), (3, 1, 1))
+    >>> truth[:, :2, 2] = [[0, 0], [2, 0], [0, 2]]
+    >>> halved = truth * [[1, 1, 0.5], [1, 1, 0.5], [1, 1, 1]]
+    >>> [np.allclose(align(truth, halved, scaled=scaled), truth) for scaled in (True, False)]
+    [True, False]
     """
     for name, poses in (("reference", reference), ("estimate", estimate)):
         if wrong := np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2))).tolist():

@@ -55,6 +55,12 @@ def condition_recall(
 
     Raises:
         ValueError: the numbers of images differ, or a condition has no name.
+
+    >>> shown = Positives.from_lists([[0, 2], [1, 3], [0, 2], [1, 3]], 4)  # two places by day, the same two by night
+    >>> looks = np.array([[1, 0], [0, 1], [1, 0.1], [1, 0.2]], np.float32)  # by night both look like the first by day
+    >>> condition_recall(looks, np.array([0, 0, 1, 1]), shown, ["day", "night"]).recall
+    array([[0. , 1. ],
+           [0.5, 0. ]])
     """
     images, count = len(descriptors), len(conditions)
     if not len(condition) == len(positives) == positives.references == images:
@@ -113,6 +119,11 @@ def factor_recall(hit: Bool[ndarray, "m"], factor: Float[ndarray, "m"], level: f
 
     Raises:
         ValueError: the lengths differ, there is no query, a value is not finite, or the level is not in (0, 1).
+
+    >>> hit, sun_deg = np.array([True, True, True, False]), np.array([30.0, 30.0, 5.0, 5.0])
+    >>> found = factor_recall(hit, sun_deg)
+    >>> found.values, found.recall
+    (array([ 5., 30.]), array([0.5, 1. ]))
     """
     if len(hit) != len(factor) or not len(hit) or not np.isfinite(factor).all() or not 0 < level < 1:
         raise ValueError(f"need hits and finite factors of some queries, 0 < level < 1; got {len(hit)}, {len(factor)}")

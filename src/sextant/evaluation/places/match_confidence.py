@@ -27,6 +27,10 @@ class MatchConfidence:
     Attributes:
         slope: a, for each unit of the similarity.
         offset: b.
+
+    Example:
+        >>> MatchConfidence(slope=24.0, offset=-2.4).probability(np.array([0.0, 0.1, 0.2])).round(2)  # even at 0.1
+        array([0.08, 0.5 , 0.92])
     """
 
     slope: float
@@ -45,6 +49,10 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
 
     Raises:
         ValueError: there is no set, or one is empty or has a margin that is not finite.
+
+    >>> margin, right = np.repeat([0.0, 0.1], 4), np.array([1, 0, 0, 0, 1, 1, 1, 0], bool)
+    >>> fit_match_confidence([(margin, right)]).probability(np.array([0.0, 0.1])).round(2)  # 1 of 4 right, and 3 of 4
+    array([0.25, 0.75])
     """
     if not sets or not all(len(margin) and np.isfinite(margin).all() for margin, _ in sets):
         raise ValueError("confidence is fitted to at least one set of matches, each with finite margins")

@@ -23,6 +23,17 @@ class Positives:
         starts: the positives of query i are ``indices[starts[i]:starts[i + 1]]``.
         indices: of references, rising and distinct within a query.
         references: n.
+
+    Raises:
+        ValueError: the starts or the indices are not of this form.
+
+    Example:
+        >>> shown = Positives.from_lists([[0, 1], []], references=3)  # the second query has none
+        >>> shown.hits(np.array([[2, 1], [0, 2]]))  # two neighbours of each
+        array([[False,  True],
+               [False, False]])
+        >>> shown.unmatchable
+        1
     """
 
     starts: Int64[ndarray, "m1"]
@@ -70,6 +81,10 @@ class Positives:
 
         Raises:
             ValueError: the tolerance is negative.
+
+        >>> frames = np.arange(4)
+        >>> Positives.within_frames(frames, frames, tolerance=1).counts  # at the ends there is but one neighbour
+        array([2, 3, 3, 2])
         """
         if tolerance < 0:
             raise ValueError(f"tolerance={tolerance} must be at least 0 frames")

@@ -38,6 +38,11 @@ class PlacePosterior:
         temperature: of the softmax.
         queries: how many.
         unmatchable: how many of them have no positive.
+
+    Example:
+        >>> place = Positives.from_lists([[0]], references=2)
+        >>> list(place_posterior(np.array([[0.9, 0.1]]), place, temperature=0.5).named(RetrievalProtocol(1)))
+        ['place_nll_pm1f', 'place_nll_uniform_pm1f', 'place_temperature_pm1f']
     """
 
     nll: float
@@ -62,6 +67,11 @@ def place_posterior(similarities: Float[ndarray, "m n"], positives: Positives, t
 
     Raises:
         ValueError: the shapes differ, a similarity is not finite, or the temperature is not above 0.
+
+    >>> place = Positives.from_lists([[0]], references=2)
+    >>> found = place_posterior(np.log([[3.0, 1.0]]), place, temperature=1.0)  # 3/4 for the right one of two
+    >>> f"{found.nll:.3f}, by chance {found.chance:.3f}"  # ln 4/3 and ln 2
+    '0.288, by chance 0.693'
     """
     _check(similarities, positives)
     if not (temperature > 0 and np.isfinite(temperature)):
@@ -83,6 +93,11 @@ def fit_temperature(similarities: Float[ndarray, "m n"], positives: Positives) -
 
     Raises:
         ValueError: the shapes differ, a similarity is not finite, all are equal, or no query has a positive.
+
+    >>> places = Positives.from_lists([[0], [0], [0], [1]], references=2)
+    >>> found = fit_temperature(np.tile([1.0, 0.0], (4, 1)), places)  # the first reference is right in 3 of 4
+    >>> f"{1 / found:.2f}"  # ln 3, which gives it 3/4
+    '1.10'
     """
     _check(similarities, positives)
     spread = float(similarities.std(dtype=np.float64))

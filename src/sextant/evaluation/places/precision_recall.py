@@ -42,6 +42,11 @@ class PrecisionRecall:
         thresholds: the first is infinite.
         positives: M, what recall is a share of.
         unmatchable: queries without a positive, whose matches count as wrong.
+
+    Example:
+        >>> curve = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), positives=2)
+        >>> curve.recall_at_precision(1), round(curve.average_precision, 2)  # 1/2, and (1 + 2/3) / 2
+        (0.5, 0.83)
     """
 
     precision: Float[ndarray, "t"]
@@ -100,6 +105,11 @@ def best_match_curve(
 
     Raises:
         ValueError: a similarity is not a number, or the neighbours do not fit to the positives.
+
+    >>> shown = Positives.from_lists([[0], [1], []], references=2)  # the place of the third query is not in the map
+    >>> curve = best_match_curve(np.array([[0], [1], [1]]), np.array([[0.9], [0.6], [0.7]]), shown)
+    >>> curve.recall_at_precision(1)  # its wrong match is more similar than the second right one
+    0.5
     """
     if neighbours.shape != similarities.shape:
         raise ValueError(f"need a similarity for each neighbour; got {similarities.shape} for {neighbours.shape}")
@@ -115,6 +125,10 @@ def precision_recall(
 
     Raises:
         ValueError: a similarity is nan, or more candidates are right than there are positives.
+
+    >>> curve = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), positives=2)
+    >>> curve.precision.round(2), curve.recall
+    (array([1.  , 1.  , 0.5 , 0.67]), array([0. , 0.5, 0.5, 1. ]))
     """
     if similarities.shape != right.shape or similarities.ndim != 1:
         raise ValueError(f"need one similarity for each candidate; got {similarities.shape} and {right.shape}")

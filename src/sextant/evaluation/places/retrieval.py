@@ -38,6 +38,13 @@ class RetrievalProtocol:
         unit: of the tolerance: ``f`` for frames, ``m`` for metres.
         query, reference: traverses or conditions; empty if there is but one pair.
         heading_deg: tolerance of the heading in degrees, if there is one.
+
+    Raises:
+        ValueError: the unit is none of the two, the tolerance is negative, or only one traverse is named.
+
+    Example:
+        >>> RetrievalProtocol(1, query="winter", reference="summer").name("R@1")
+        'R@1_pm1f_winter_to_summer'
     """
 
     tolerance: float
@@ -70,6 +77,11 @@ class Recall:
         chance: by K, of a random ranking, over all queries.
         queries: how many.
         unmatchable: how many of them have no positive.
+
+    Example:
+        >>> found = recall(np.array([[0], [1]]), Positives.from_lists([[0], []], references=4), ranks=(1,))
+        >>> found.over_all, found.over_matchable, found.named(RetrievalProtocol(1))["R@1_pm1f"]
+        ({1: 0.5}, {1: 1.0}, 0.5)
     """
 
     over_all: dict[int, float]
@@ -99,6 +111,10 @@ def recall(neighbours: Integer[ndarray, "m k"], positives: Positives, ranks: Seq
 
     Raises:
         ValueError: a rank is below 1 or above the number of neighbours, or the neighbours do not fit to the positives.
+
+    >>> shown = Positives.from_lists([[0], [0]], references=4)
+    >>> recall(np.array([[0, 1], [2, 0]]), shown, ranks=(1, 2)).over_all  # the second query finds it second
+    {1: 0.5, 2: 1.0}
     """
     if not ranks or min(ranks) < 1 or max(ranks) > neighbours.shape[1]:
         raise ValueError(f"ranks {tuple(ranks)} must be in [1, {neighbours.shape[1]}], the neighbours of each query")
@@ -119,6 +135,10 @@ def chance_recall(positives: Positives, k: int = 1) -> float:
 
     Raises:
         ValueError: k is not in [1, n].
+
+    >>> shown = Positives.from_lists([[0, 1]], references=4)
+    >>> round(chance_recall(shown), 2), round(chance_recall(shown, k=2), 2)  # 2 of 4; two are both wrong in 1 of 6
+    (0.5, 0.83)
     """
     n = positives.references
     if not 1 <= k <= n:
@@ -133,7 +153,11 @@ def chance_recall(positives: Positives, k: int = 1) -> float:
 
 
 def recall_name(tolerance: int, k: int = 1) -> str:
-    """The name of a recall with its protocol: ``R@1_pm1f`` counts a match within ±1 frame, over all queries."""
+    """The name of a recall with its protocol: ``R@1_pm1f`` counts a match within ±1 frame, over all queries.
+
+    >>> recall_name(10, k=5)
+    'R@5_pm10f'
+    """
     return RetrievalProtocol(tolerance).name(f"R@{k}")
 
 
@@ -154,6 +178,10 @@ def recall_within_frames(
 
     Raises:
         ValueError: the traverses differ in length, or what ``nearest_neighbours`` raises.
+
+    >>> ride = np.eye(4, dtype=np.float32)
+    >>> recall_within_frames(ride, np.roll(ride, 1, axis=1))  # each looks like the next, the last like the first
+    0.75
     """
     if len(reference) != len(query):
         raise ValueError(f"aligned traverses have as many frames each; got {len(reference)} and {len(query)}")

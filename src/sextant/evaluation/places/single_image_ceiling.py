@@ -22,13 +22,20 @@ def picture_runs(like_before: Bool[ndarray, "n"]) -> Int64[ndarray, "n"]:
     """Number of the run of each frame, from 0, where ``like_before`` marks frames that show the picture before them.
 
     The first frame opens a run whatever is marked.
+
+    >>> picture_runs(np.array([False, False, True, True, False]))
+    array([0, 1, 1, 1, 2])
     """
     runs = np.cumsum(~np.asarray(like_before, bool))
     return np.asarray(runs - runs[0] if len(runs) else runs, np.int64)
 
 
 def standstill(like_before: Bool[ndarray, "n"]) -> Bool[ndarray, "n"]:
-    """Frames whose picture is that of the frame before or after: all members of runs of two or more."""
+    """Frames whose picture is that of the frame before or after: all members of runs of two or more.
+
+    >>> standstill(np.array([False, False, True, True, False]))
+    array([False,  True,  True,  True, False])
+    """
     runs = picture_runs(like_before)
     return np.asarray(np.bincount(runs)[runs] > 1) if len(runs) else np.zeros(0, bool)
 
@@ -44,6 +51,10 @@ def single_image_ceiling(
 
     Raises:
         ValueError: the lengths differ.
+
+    >>> frames, run = np.arange(4), picture_runs(np.array([False, False, True, False]))  # frames 1 and 2 are alike
+    >>> single_image_ceiling(Positives.within_frames(frames, frames, 0), run, run)  # one of the two is answered right
+    0.75
     """
     if (len(query_run), len(reference_run)) != (len(positives), positives.references):
         raise ValueError(

@@ -14,6 +14,14 @@ def coverage_curves(curve: CoverageCurve, names: Sequence[str]) -> Figure:
     Args:
         curve: of k parameters.
         names: of the k.
+
+    Example:
+        >>> import numpy as np
+        >>> levels, share = np.array([0.5, 0.9]), np.array([[0.4], [0.85]])
+        >>> curve = CoverageCurve(levels, share, share - 0.1, share + 0.1, multipliers=np.ones((2, 1)))
+        >>> _, line = coverage_curves(curve, ["tilt"]).axes[0].lines  # the first is the diagonal
+        >>> line.get_ydata()
+        array([40., 85.])
     """
     figure, (axes,) = new_figure(4.6, 4.4)
     axes.plot([0, 100], [0, 100], color="black", linewidth=0.9, label="as stated")

@@ -32,6 +32,15 @@ def error_by_parameter(
         truth: the true cameras.
         errors: by method, then by name, absolute.
         shown: names of the errors.
+
+    Example:
+        >>> import torch
+        >>> truth = CameraParameters(*torch.linspace(0.1, 0.5, 24).expand(4, 24))
+        >>> figure = error_by_parameter(truth, {"ours": {"tilt_deg": np.arange(1.0, 25)}}, ["tilt_deg"])
+        >>> [axes.get_xlabel() for axes in figure.axes]
+        ['true tilt (°)', 'true roll (°)', 'true vertical field of view (°)', 'true k1 / f²']
+        >>> figure.axes[0].lines[0].get_ydata()  # medians of two bins of twelve
+        array([ 6., 18.])
     """
     columns = camera_quantities(truth)
     figure, axes = new_figure(3.1 * len(columns), 2.3 * len(shown) + 0.5, rows=len(shown), columns=len(columns))
@@ -62,6 +71,9 @@ def binned_quartiles(values: Float[ndarray, "n"], errors: Float[ndarray, "n"]) -
     """Median value, and lower quartile, median and upper quartile of the errors, of bins of equal counts.
 
     Nan counts as an infinite error; what is infinite comes back as nan, which matplotlib leaves out.
+
+    >>> binned_quartiles(np.arange(24.0), np.arange(24.0))[2]  # medians of two bins of twelve
+    array([ 5., 17.])
     """
     order = np.argsort(values, kind="stable")
     known = np.where(np.isnan(errors), np.inf, errors)

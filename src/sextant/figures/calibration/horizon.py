@@ -32,6 +32,13 @@ def horizon_curve(
         k2: second coefficient.
         reach: points further than this from the centre are nan too: they would only be clipped.
         points: how many, at even azimuths in front of the camera.
+
+    Example:
+        >>> none, focal = torch.tensor(0.0), torch.tensor(1.0)
+        >>> horizon_curve(none, none, focal, none, none, points=3).round(3)  # a level camera's is a level line
+        array([[-1.,  0.],
+               [ 0.,  0.],
+               [ 1.,  0.]])
     """
     azimuths = torch.linspace(-math.pi / 2, math.pi / 2, points + 2, dtype=torch.float64)[1:-1]
     level = torch.stack([torch.sin(azimuths), torch.zeros_like(azimuths), torch.cos(azimuths)], -1)

@@ -49,6 +49,13 @@ class CalibratedPhoto:
         k2: second coefficient.
         seen: left, top, width and height of the part that the network saw, as shares of the image's sides.
         caption: lines of text.
+
+    Example:
+        >>> image = np.zeros((60, 80, 3), np.uint8)
+        >>> from dataclasses import replace
+        >>> level = CalibratedPhoto(image, tilt=0.0, roll=0.0, focal=0.7, k1=0.0, k2=0.0, seen=(0, 0, 1, 1))
+        >>> level.horizon_is(), replace(level, tilt=1.2).horizon_is()  # looking up
+        ('in the picture', 'below the picture')
     """
 
     image: UInt8[ndarray, "h w 3"]
@@ -88,7 +95,14 @@ class CalibratedPhoto:
 
 
 def calibration_overlay(photo: CalibratedPhoto) -> Figure:
-    """One photo: horizon, arrows of gravity, the picture of a square grid, and the part that the network saw."""
+    """One photo: horizon, arrows of gravity, the picture of a square grid, and the part that the network saw.
+
+    >>> image = np.zeros((60, 80, 3), np.uint8)
+    >>> photo = CalibratedPhoto(image, tilt=0.1, roll=0.0, focal=0.7, k1=-0.2, k2=0.0, seen=(0.1, 0, 0.8, 1))
+    >>> axes = calibration_overlay(photo).axes[0]
+    >>> axes.get_legend().get_texts()[-1].get_text()
+    'seen by the network'
+    """
     width = 8 * min(1.0, max(photo.aspect, 0.35))
     picture = min(width / photo.aspect, 9)
     figure, (axes,) = new_figure(max(width, 4.5), picture + 0.25 * len(photo.caption) + 0.5)
@@ -106,7 +120,13 @@ def calibration_overlay(photo: CalibratedPhoto) -> Figure:
 
 
 def calibration_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
-    """Many photos, four a row, each with its overlay and caption."""
+    """Many photos, four a row, each with its overlay and caption.
+
+    >>> photo = CalibratedPhoto(np.zeros((60, 80, 3), np.uint8), 0.1, 0.0, 0.7, -0.2, 0.0, (0, 0, 1, 1))
+    >>> figure = calibration_sheet([photo] * 5)
+    >>> [len(axes.images) for axes in figure.axes]
+    [1, 1, 1, 1, 1, 0, 0, 0]
+    """
     columns = min(SHEET_COLUMNS, len(photos))
     rows = -(-len(photos) // columns)
     lines = max(len(photo.caption) for photo in photos)
@@ -120,7 +140,13 @@ def calibration_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
 
 
 def gravity_arrows(photo: CalibratedPhoto) -> tuple[Float[ndarray, "n 2"], Float[ndarray, "n 2"]]:
-    """Points on a regular grid over the image, in image heights from the centre, and the unit direction down there."""
+    """Points on a regular grid over the image, in image heights from the centre, and the unit direction down there.
+
+    >>> level = CalibratedPhoto(np.zeros((60, 80, 3), np.uint8), 0.0, 0.0, 0.7, 0.0, 0.0, (0, 0, 1, 1))
+    >>> points, down = gravity_arrows(level)
+    >>> points.shape, bool(np.allclose(down, [0, 1], atol=1e-4))  # v grows downward
+    ((48, 2), True)
+    """
     across = max(2, round(ARROWS * photo.aspect))
     v = (torch.arange(ARROWS, dtype=torch.float64) + 0.5) / ARROWS - 0.5
     u = ((torch.arange(across, dtype=torch.float64) + 0.5) / across - 0.5) * photo.aspect
@@ -141,6 +167,11 @@ def distortion_grid(photo: CalibratedPhoto) -> list[Float[ndarray, "n 2"]]:
     """Lines that are straight in the scene, as the image shows them, in image heights from the centre.
 
     They are those of a square grid at right angles to the viewing direction, and cover the image.
+
+    >>> photo = CalibratedPhoto(np.zeros((60, 80, 3), np.uint8), 0.0, 0.0, 0.7, 0.0, 0.0, (0, 0, 1, 1))
+    >>> lines = distortion_grid(photo)
+    >>> len(lines), float(np.nanstd(lines[0][:, 0]).round(6))  # upright, and straight without distortion
+    (30, 0.0)
     """
     focal, k1, k2 = photo.lens()
     radii = torch.tensor([0.5, math.hypot(photo.aspect, 1) / 2], dtype=torch.float64)

@@ -23,7 +23,14 @@ ERROR_LABELS = {
 
 
 def camera_quantities(camera: CameraParameters) -> dict[str, Float[ndarray, "n"]]:
-    """Tilt, roll and nominal vertical field of view in degrees, and apparent distortion."""
+    """Tilt, roll and nominal vertical field of view in degrees, and apparent distortion.
+
+    >>> import torch
+    >>> tilt, roll, focal, k1 = torch.tensor([[0.1], [0.0], [0.5], [-0.05]])
+    >>> found = camera_quantities(CameraParameters(tilt, roll, focal, k1))
+    >>> {name: float(values[0].round(2)) for name, values in found.items()}
+    {'tilt': 5.73, 'roll': 0.0, 'vfov': 90.0, 'k1_hat': -0.2}
+    """
     values = {
         "tilt": rad2deg(camera.tilt),
         "roll": rad2deg(camera.roll),

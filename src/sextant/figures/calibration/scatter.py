@@ -18,6 +18,12 @@ def predicted_against_true(truth: CameraParameters, predicted: CameraParameters)
 
     A panel reaches somewhat beyond the true values, lest a few predictions squeeze all others; it says how many images
     it does not show, those without an answer among them. The rank correlation is Spearman's, of those with one.
+
+    >>> import torch
+    >>> truth = CameraParameters(*torch.linspace(0.1, 0.5, 9).expand(4, 9))
+    >>> figure = predicted_against_true(truth, truth._replace(tilt=2 * truth.tilt))
+    >>> figure.axes[0].get_title(), figure.axes[0].get_ylabel()
+    ('rank correlation 1.00, 4 not shown', 'predicted tilt (°)')
     """
     panels = [(camera_quantities(truth)[name], values) for name, values in camera_quantities(predicted).items()]
     figure, axes = new_figure(3.1 * len(panels), 3.2, columns=len(panels))

@@ -46,6 +46,13 @@ def calibration_sheet(
         predicted: those of a method; nan where it gave none.
         method: what to call it.
         family: how k2 follows from k1.
+
+    Example:
+        >>> truth = CameraParameters(*torch.tensor([[0.2], [0.0], [0.6], [-0.1]]))
+        >>> images, aspect = torch.zeros(1, 3, 24, 32, dtype=torch.uint8), torch.tensor([4 / 3])
+        >>> figure = calibration_sheet(images, aspect, truth, truth._replace(tilt=torch.zeros(1)))
+        >>> print(figure.axes[0].get_xlabel().splitlines()[1])
+        tilt   +11.5°     +0.0°
     """
     columns = min(COLUMNS, len(images))
     rows = -(-len(images) // columns)

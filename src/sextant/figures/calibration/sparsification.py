@@ -12,6 +12,12 @@ def sparsification_curves(results: Mapping[str, Sparsification]) -> Figure:
     """One panel a parameter: mean error of the images left, as those that are most uncertain are taken away.
 
     The area between the curve and the oracle's is shaded; the titles give it as a share of that of random order.
+
+    >>> import numpy as np
+    >>> from sextant.evaluation.calibration.sparsification import sparsification
+    >>> figure = sparsification_curves({"tilt": sparsification(np.array([1.0, 2, 3, 4]), np.array([1.0, 2, 4, 3]))})
+    >>> figure.axes[0].get_title().splitlines()
+    ['tilt', 'AUSE 0.03 (0.11 of random), Spearman 0.80']
     """
     figure, axes = new_figure(3.0 * len(results), 3.3, columns=len(results))
     for cell, (name, result) in zip(axes, results.items(), strict=True):

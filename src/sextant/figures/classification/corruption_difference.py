@@ -65,6 +65,12 @@ def corruption_difference(
 
     Raises:
         ValueError: there is nothing to draw.
+
+    Example:
+        >>> bars = [DifferenceBar("fog", -0.02, -0.03, -0.01), DifferenceBar("snow", 0.01, -0.01, 0.03)]
+        >>> figure = corruption_difference(bars, title="push-pull minus convolution")
+        >>> [text.get_text() for text in figure.legends[0].get_texts()[:2]]
+        ['better on 1 of 2 (1 certain)', 'worse on 1 of 2 (0 certain)']
     """
     if not bars:
         raise ValueError("a difference chart needs at least one corruption")

@@ -30,6 +30,14 @@ def corruption_heatmap(
 
     Raises:
         ValueError: there is nothing to draw.
+
+    Example:
+        >>> axes = corruption_heatmap({"fog": [0.1, 0.3], "snow": [0.2, 0.6]}, clean=0.05, title="LeNet").axes[0]
+        >>> axes.images[0].get_array().data.round(2)  # the last column is the mean
+        array([[0.1, 0.3, 0.2],
+               [0.2, 0.6, 0.4]])
+        >>> axes.get_title().splitlines()
+        ['LeNet', 'clean 5.00 %, mean 30.00 %']
     """
     columns = max((len(values) for values in errors.values()), default=0)
     if columns == 0:

@@ -14,6 +14,10 @@ def first_kernels(network: nn.Module) -> Figure | None:
     """Kernels of the first convolution, and below them the pull kernels of a push-pull layer; None without one.
 
     Kernels of three-channel images are shown in colour, others as the mean over their channels; red is positive.
+
+    >>> figure = first_kernels(nn.Sequential(PushPullConv2d(3, 4, 3), nn.ReLU()))
+    >>> [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()], len(figure.axes)
+    (['push', 'pull'], 8)
     """
     try:
         _, conv = first_conv(network)

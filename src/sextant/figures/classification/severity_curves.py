@@ -18,6 +18,11 @@ def severity_curves(
         levels: severities by corruption.
         accuracy: by model, then by condition key (``clean`` or ``corruption/level``), in [0, 1].
         intervals: ends of each accuracy's interval, drawn as a band.
+
+    Example:
+        >>> figure = severity_curves({"fog": [1, 3]}, {"LeNet": {"clean": 0.99, "fog/1": 0.9, "fog/3": 0.7}})
+        >>> [tick.get_text() for tick in figure.axes[0].get_xticklabels()], figure.axes[0].lines[0].get_ydata()
+        (['clean', '1', '3'], array([99., 90., 70.]))
     """
     figure, panels = new_figure(4.2 * len(levels), 3.4, columns=len(levels))
     for axes, (corruption, values) in zip(panels, levels.items(), strict=True):

@@ -54,6 +54,13 @@ def cosfire_filter(
 
     Raises:
         ValueError: the bank does not take images of this number of channels.
+
+    Example:
+        >>> image = torch.ones(1, 48, 48)
+        >>> image[:, 23:26, 24:] = 0  # a dark bar that ends in the middle
+        >>> filters = Cosfire(GaborBank((6.0,))).configure(image)
+        >>> cosfire_filter(filters, image).axes[0].get_title()
+        '21 parts'
     """
     height, width = example.shape[1:]
     x, y = point or (width // 2, height // 2)

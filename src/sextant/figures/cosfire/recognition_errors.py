@@ -33,6 +33,12 @@ def recognition_errors(
         classes: names in label order.
         most: images on the sheet.
         title: such as the method; the number of errors is added.
+
+    Example:
+        >>> images, labels, answers = np.zeros((4, 1, 8, 8), np.uint8), np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])
+        >>> figure = recognition_errors(images, labels, answers, ["cat", "dog"], title="svm")
+        >>> figure.get_suptitle(), figure.axes[0].get_title()
+        ('svm: 1 of 4 wrong (25.00 %)', 'cat → dog')
     """
     wrong = np.flatnonzero(labels != answers)
     if not len(wrong):

@@ -31,6 +31,13 @@ def cosfire_responses(
         points: x and y in pixels of the image, and the score of each.
         strongest: the response that is drawn as the strongest; None is the strongest there is.
         title: above the figure.
+
+    Example:
+        >>> response = np.zeros((16, 16))
+        >>> response[4, 8] = 0.9
+        >>> figure = cosfire_responses(np.zeros((32, 32), np.uint8), response, [(16.5, 8.5, 0.9)])
+        >>> [axes.get_title() for axes in figure.axes[:3]], figure.axes[2].texts[0].get_text()
+        (['image', 'response', '1 found'], '0.90')
     """
     picture = image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image
     height, width = picture.shape[:2]

@@ -54,7 +54,11 @@ class ParticleFrame:
 
 
 def map_height(map_positions: Float[ndarray, "n 2"], width: float) -> float:
-    """Height in inches that suits a figure of a map, its labels included."""
+    """Height in inches that suits a figure of a map, its labels included.
+
+    >>> map_height(np.array([[0.0, 0], [30, 20]]), width=6.0) > map_height(np.array([[0.0, 0], [30, 0]]), width=6.0)
+    True
+    """
     across, along = np.subtract(*reversed(_bounds(map_positions)))
     return float(np.clip(width * along / across, 2.0, 2 * width)) + 0.8
 
@@ -69,6 +73,13 @@ def draw_map(
         map_positions: of its images.
         unit: of positions, such as frames along a railway.
         walls: points on walls, such as the occupied cells of a grid, if they are known.
+
+    Example:
+        >>> from sextant.figures.style import new_figure
+        >>> figure, (axes,) = new_figure(4.0, 3.0)
+        >>> draw_map(axes, np.array([[0.0, 0], [30, 20]]))
+        >>> axes.get_xlabel(), np.array(axes.get_xlim())  # with a margin
+        ('x (m)', array([-1.5, 31.5]))
     """
     (left, bottom), (right, top) = _bounds(map_positions if walls is None else np.vstack([map_positions, walls]))
     if walls is not None:
@@ -88,6 +99,13 @@ def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
 
     Particles are coloured by weight on a logarithmic scale, from 10⁻⁴ of the largest on, the light ones below. A stroke
     points along the heading of each of the 300 heaviest, an arrow along that of the estimate and of the truth.
+
+    >>> from sextant.figures.style import new_figure
+    >>> figure, (axes,) = new_figure(4.0, 3.0)
+    >>> particles = np.array([[1.0, 2, 0], [3, 4, 0]])
+    >>> dots, strokes = draw_frame(axes, ParticleFrame(particles, np.log([0.9, 0.1]), title="frame 7"))
+    >>> dots.get_offsets().tolist(), axes.get_title()  # the heaviest is drawn last
+    ([[3.0, 4.0], [1.0, 2.0]], 'frame 7')
     """
     arrow_m = 0.06 * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     order = np.argsort(frame.log_weights)

@@ -51,6 +51,14 @@ def particle_replay(
     Raises:
         UserError: the path ends in neither, there is no frame, or no MP4 can be written on this machine.
         ValueError: the map has no position.
+
+    Example:
+        >>> import tempfile
+        >>> corridor = np.column_stack([np.arange(9.0), np.zeros(9)])
+        >>> frames = [ParticleFrame(np.array([[float(x), 0, 0]]), np.zeros(1)) for x in range(2)]
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     particle_replay(corridor, frames, Path(folder, "replay.gif"), width=2.0)
+        2
     """
     if path.suffix not in (".gif", ".mp4"):
         raise UserError(f"{path}: a replay is written as .gif or .mp4", f"Try {path.with_suffix('.gif')}")

@@ -30,7 +30,14 @@ class WalkedImage:
 
 
 def straightened_walk(images: Sequence[WalkedImage]) -> Figure:
-    """One column an image, and a row for each stage that it has gone through."""
+    """One column an image, and a row for each stage that it has gone through.
+
+    >>> import numpy as np
+    >>> taken, straight = np.zeros((30, 40, 3), np.uint8), np.zeros((24, 32, 3), np.uint8)
+    >>> figure = straightened_walk([WalkedImage(place, taken, straight, None) for place in ("hall", "stairs")])
+    >>> len(figure.axes), figure.axes[0].get_title(), figure.axes[2].get_ylabel()
+    (4, 'hall', 'straightened')
+    """
     stages = [[each.taken, each.straight, *([] if each.mapped is None else [each.mapped])] for each in images]
     rows, columns = max(map(len, stages)), len(images)
     figure, axes = new_figure(1.7 * columns + 0.3, 1.35 * rows + 0.2, rows=rows, columns=columns)

@@ -43,6 +43,14 @@ def success_curves(curves: Mapping[str, SuccessCurve], title: str = "") -> Figur
 
     Raises:
         ValueError: there is no curve.
+
+    Example:
+        >>> rates = np.array([0.6, 0.97])
+        >>> curve = SuccessCurve(np.array([100, 1000]), rates, rates - 0.1, np.array([0.7, 1.0]))
+        >>> curve.needed
+        1000
+        >>> success_curves({"GP": curve}).axes[0].get_legend().get_texts()[0].get_text()
+        'GP  1,000'
     """
     if not curves:
         raise ValueError("the figure needs at least one curve")

@@ -44,6 +44,12 @@ def trajectory_errors(runs: Mapping[str, RunErrors], protocol: LocalizationProto
 
     Raises:
         ValueError: there is no run, or one has no headings where the protocol has a limit for them.
+
+    Example:
+        >>> run = RunErrors(np.array([5.0, 2, 0.4, 0.3]), np.array([90.0, 20, 5, 4]), converged=2)
+        >>> figure = trajectory_errors({"GP": run}, LocalizationProtocol(0.5, 10.0, 2))
+        >>> [axes.get_ylabel() for axes in figure.axes]
+        ['position error (m)', 'heading error (°)']
     """
     if not runs:
         raise ValueError("the figure needs at least one run")

@@ -17,6 +17,12 @@ def trajectory_plan(reference: Float64[ndarray, "n 3"], estimate: Float64[ndarra
 
     Raises:
         ValueError: there is no frame, or shapes differ.
+
+    Example:
+        >>> straight = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
+        >>> figure = trajectory_plan(straight, straight + [0, 0.5, 0])
+        >>> figure.axes[1].lines[0].get_ydata()  # half a metre off everywhere
+        array([0.5, 0.5, 0.5, 0.5, 0.5])
     """
     if reference.shape != estimate.shape or not len(reference):
         raise ValueError(f"need estimates of the same frames, got {reference.shape} and {estimate.shape} positions")

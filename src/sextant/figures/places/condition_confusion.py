@@ -11,6 +11,11 @@ def condition_confusion(result: ConditionRecall, title: str = "recall@1 (%)") ->
     """Conditions of the queries downward and of the references to the right; empty cells have no images.
 
     The mean over pairs of two different conditions stands in the title.
+
+    >>> counts = np.full((2, 2), 10)
+    >>> recall = ConditionRecall(("day", "night"), np.array([[1.0, 0.4], [0.3, 1.0]]), counts, 0 * counts)
+    >>> condition_confusion(recall).axes[0].get_title().splitlines()
+    ['recall@1 (%)', 'mean between two conditions 35.0']
     """
     size = len(result.conditions)
     figure, (axes,) = new_figure(0.7 * size + 2.3, 0.55 * size + 1.8)

@@ -27,6 +27,14 @@ def invariance_curves(
 
     Raises:
         ValueError: there is no factor.
+
+    Example:
+        >>> import numpy as np
+        >>> from sextant.evaluation.places.condition_recall import factor_recall
+        >>> fog = factor_recall(np.array([True, True, True, False]), np.array([0.0, 0.0, 0.5, 0.5]))
+        >>> figure = invariance_curves({"fog": {"pixels": fog}}, reference={"fog": 0.0})
+        >>> figure.axes[0].lines[0].get_xydata().tolist()
+        [[0.0, 100.0], [0.5, 50.0]]
     """
     if not factors:
         raise ValueError("the figure needs at least one factor")

@@ -21,6 +21,12 @@ def precision_recall_curves(curves: Mapping[str, PrecisionRecall], title: str = 
 
     Raises:
         ValueError: there is no curve.
+
+    Example:
+        >>> from sextant.evaluation.places.precision_recall import precision_recall
+        >>> curve = precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, True, False]), positives=2)
+        >>> precision_recall_curves({"HOG": curve}).axes[0].get_legend().get_texts()[0].get_text()
+        'HOG  1.000'
     """
     if not curves:
         raise ValueError("the figure needs at least one curve")

@@ -41,6 +41,12 @@ def retrieval_gallery(rows: Sequence[Retrieved], title: str = "") -> Figure:
 
     Raises:
         ValueError: there is no row, or a row has not as many verdicts as matches.
+
+    Example:
+        >>> image = np.zeros((8, 16, 3), np.uint8)
+        >>> figure = retrieval_gallery([Retrieved(image, [image, image], [True, False], "frame 7", ["a", "b"])])
+        >>> [axes.get_title() for axes in figure.axes]
+        ['frame 7', '✓ a', '✗ b']
     """
     if not rows:
         raise ValueError("the gallery needs at least one query")

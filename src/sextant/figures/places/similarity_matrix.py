@@ -37,6 +37,12 @@ def similarity_matrix(
 
     Raises:
         ValueError: the shapes differ, or matches come without positives.
+
+    Example:
+        >>> positives = Positives.from_lists([[0], [1], [2]], 3)
+        >>> figure = similarity_matrix(np.eye(3), positives, np.array([0, 1, 0]), query="winter", reference="summer")
+        >>> [text.get_text() for text in figure.legends[0].get_texts()]
+        ['same place', 'wrong: 1 of 3', 'right: 2 of 3']
     """
     rows, columns = similarities.shape
     if positives is not None and (len(positives), positives.references) != similarities.shape:

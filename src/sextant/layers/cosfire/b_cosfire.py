@@ -18,6 +18,11 @@ from sextant.layers.cosfire.presets import preset
 class BCosfire(nn.Module):
     """Both filters, configured from a straight bar.
 
+    >>> image = torch.zeros(1, 1, 40, 40)
+    >>> image[..., 20:23] = 1  # an upright vessel
+    >>> BCosfire().segment(image)[0, 20].nonzero().flatten()
+    tensor([19, 20, 21, 22, 23])
+
     Args:
         bar: symmetric filter, not configured.
         end: the one that becomes asymmetric: of its parts those on one side of the centre are taken away.

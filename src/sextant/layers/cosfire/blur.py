@@ -26,6 +26,10 @@ BLOCK = 2**16
 class Blur:
     """How the maps of a filter are blurred.
 
+    >>> line = torch.tensor([[0.0, 0.0, 1.0, 0.0, 0.0]])
+    >>> Blur(reach=1.0)(line, sigma=1.0)
+    tensor([[0.0000, 0.6065, 1.0000, 0.6065, 0.0000]])
+
     Args:
         sigma0, alpha: σ(ρ) = sigma0 + alpha ρ, in pixels of the maps.
         kind: ``max`` (weights are not normalised) or ``sum``.

@@ -17,6 +17,13 @@ from sextant.layers.cosfire.tuples import Tuples
 class ChannelPeaks(MapKeypoints):
     """Strategy A: local maxima of each channel.
 
+    >>> import torch
+    >>> maps = torch.zeros(2, 9, 9)
+    >>> maps[0, 2, 6] = maps[1, 2, 4] = 1.0  # up to the right of the point, and above it
+    >>> parts = ChannelPeaks().tuples(maps, grid=torch.tensor([[0.0], [1.0]]), point=(4, 4))
+    >>> parts.channels[:, 0].tolist(), parts.rho.round(decimals=2).tolist(), parts.phi.rad2deg().round().tolist()
+    ([0.0, 1.0], [2.83, 2.0], [45.0, 90.0])
+
     Args:
         t2: a channel is kept from this share of the strongest channel at its place on.
         other arguments: as for :class:`MapKeypoints`.

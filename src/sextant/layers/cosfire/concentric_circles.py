@@ -25,6 +25,12 @@ from sextant.layers.cosfire.tuples import Tuples
 class ConcentricCircles(Strategy):
     """Strategy C.
 
+    >>> maps = torch.zeros(1, 21, 21)
+    >>> maps[0, 10, 10:] = 1.0  # a line from the point to the right
+    >>> parts = ConcentricCircles(radii=(0.0, 4.0)).tuples(maps, grid=torch.tensor([[0.0]]), point=(10, 10))
+    >>> parts.rho.tolist(), parts.phi.rad2deg().round().tolist()  # directions 1° to 360°
+    ([0.0, 4.0], [0.0, 360.0])
+
     Args:
         radii: ρ of the circles, in pixels of the maps; 0 is the centre.
         t2: a channel is kept from this share of the strongest on.

@@ -24,6 +24,11 @@ from sextant.layers.cosfire.tolerance import Move
 class DoGBank(SteerableBank):
     """Half-wave rectified differences of Gaussians; a channel is (σ in pixels, polarity).
 
+    >>> spot = torch.zeros(1, 1, 21, 21)
+    >>> spot[..., 9:12, 9:12] = 1
+    >>> DoGBank(sigmas=(2.4,), polarities=(1, -1)).describe(spot)[0, :, 10, 10] > 0  # bright, not dark
+    tensor([ True, False])
+
     Args:
         sigmas: σ of the outer Gaussian.
         polarities: 1 for a bright centre, -1 for a dark one.

@@ -12,6 +12,11 @@ from sextant.layers.cosfire.bank import Bank
 class FeatureBank(Bank):
     """Each channel of a feature map, rectified; named by its number.
 
+    >>> bank = FeatureBank(nn.Conv2d(3, 8, 3, padding=1), size=8)
+    >>> maps = bank.describe(torch.rand(2, 3, 16, 16))
+    >>> maps.shape, maps.amax((1, 2, 3)).tolist()  # shares of each image's strongest
+    (torch.Size([2, 8, 16, 16]), [1.0, 1.0])
+
     Args:
         features: maps images to ``(b, k, y, x)``, such as ``sextant.models.FeatureMap`` of any layer of any network.
         size: k.
@@ -42,6 +47,11 @@ class FeatureBank(Bank):
 
 class VectorBank(Bank):
     r"""How well a feature vector points in a direction w: :math:`\max(0, \cos(w, F(y, x)))`.
+
+    >>> bank = VectorBank(nn.Identity(), size=2)  # images are their own features
+    >>> image = torch.tensor([3.0, 4.0]).view(1, 2, 1, 1)
+    >>> bank(image, torch.tensor([[1.0, 0.0], [0.6, 0.8]])).flatten()
+    tensor([0.6000, 1.0000])
 
     Args:
         features: maps images to ``(b, k, y, x)``.

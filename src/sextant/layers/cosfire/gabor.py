@@ -62,6 +62,12 @@ def gabor_kernel(
 class GaborBank(SteerableBank):
     """Half-wave rectified Gabor responses; a channel is (λ in pixels, θ in rad).
 
+    >>> image = torch.ones(1, 1, 32, 32)
+    >>> image[..., 15:17] = 0  # a dark upright bar
+    >>> bank = GaborBank(wavelengths=(4.0,), orientations=4)
+    >>> bank.grid()[bank.describe(image)[0, :, 16, 16].argmax()]  # λ and θ, the direction across it
+    tensor([4., 0.], dtype=torch.float64)
+
     Args:
         wavelengths: λ of the grid.
         orientations: how many θ, evenly over ``span_deg`` from 0 on.

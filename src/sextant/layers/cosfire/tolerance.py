@@ -23,6 +23,9 @@ class Move(NamedTuple):
 class Tolerance:
     """The moves whose strongest response counts.
 
+    >>> [(round(move.rotation_rad, 2), move.scale) for move in Tolerance(rotations=2, scales=(0.5, 1.0)).moves()]
+    [(0.0, 1.0), (0.0, 0.5), (3.14, 1.0), (3.14, 0.5)]
+
     Args:
         rotations: how many, evenly over ``span_deg``, from 0 on.
         span_deg: 360, or 180 for what looks the same upside down.

@@ -17,6 +17,13 @@ from sextant.layers.cosfire.tuples import Tuples
 class VectorKeypoints(MapKeypoints):
     """Strategy B: local maxima of the length of feature vectors; for a :class:`VectorBank`.
 
+    >>> import torch
+    >>> maps = torch.zeros(2, 9, 9)
+    >>> maps[:, 4, 7] = torch.tensor([3.0, 4.0])
+    >>> parts = VectorKeypoints().tuples(maps, grid=torch.eye(2), point=(4, 4))
+    >>> parts.channels, parts.rho  # a vector of length 1, three pixels off
+    (tensor([[0.6000, 0.8000]], dtype=torch.float64), tensor([3.], dtype=torch.float64))
+
     Args:
         arguments: as for :class:`MapKeypoints`.
 

@@ -62,6 +62,14 @@ class CachedLocalGP(ObservationModel):
             one of them: of a mapped map larger than memory, in
             :func:`~sextant.localization.spatial_order.spatial_order`, only these are read. None: all at once, which is
             quickest in memory. The likelihood over the map asks for all.
+
+    Example:
+        >>> from sextant.localization.observation import LocalGP
+        >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.rand(20, 8)), PoseKernel("rbf", (3.0, 3.0), 1.0, 1.0, 0.1)
+        >>> here, slow = poses[:4] + 0.3, LocalGP(4, "nearest_image").fit(places, kernel)
+        >>> CachedLocalGP(4).fit(places, kernel).predict(here).mean.allclose(slow.predict(here).mean, atol=1e-5)
+        True
     """
 
     def __init__(

@@ -32,6 +32,16 @@ class ExactGP(ObservationModel):
 
     Args:
         max_images: of a map; beyond it the ``16 n^2`` bytes and ``n^3 / 3`` operations of fitting are refused.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> poses = torch.tensor([[0.0, 0, 0], [4, 0, 0]], dtype=torch.float64)
+        >>> places = DescriptorMap.of(poses, torch.tensor([[1.0], [3.0]]))
+        >>> model = ExactGP().fit(places, PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.01))
+        >>> predicted = model.predict(torch.tensor([[0.0, 0, 0], [99, 0, 0]], dtype=torch.float64))
+        >>> predicted.mean.flatten(), predicted.variance  # at an image, and far off: the mean and the prior
+        (tensor([1.0099, 2.0000], dtype=torch.float64), tensor([0.0199, 1.0100], dtype=torch.float64))
     """
 
     def __init__(self, max_images: int = 10_000):

@@ -46,6 +46,15 @@ class KernelSum(ObservationModel):
 
     Raises:
         UserError: a number outside its range.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> places = DescriptorMap.of(poses, torch.eye(20))
+        >>> model = KernelSum().fit(places, PoseKernel("rbf", (3.0, 3.0), 1.0, 1.0, 0.1))  # only its noise is used
+        >>> model.observe(torch.eye(20)[7:8], Likelihood()).over_map().argmax()
+        tensor(7)
     """
 
     def __init__(

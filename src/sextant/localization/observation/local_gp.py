@@ -38,6 +38,15 @@ class LocalGP(ObservationModel):
         neighbourhood: ``own``: the images nearest the pose; ``nearest_image``: those nearest the one image that is
             nearest the pose, which are the same for all poses around it and so can be prepared: see
             :class:`~sextant.localization.observation.cached_local_gp.CachedLocalGP`.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> poses = torch.tensor([[0.0, 0, 0], [4, 0, 0], [50, 0, 0]], dtype=torch.float64)
+        >>> places = DescriptorMap.of(poses, torch.tensor([[1.0], [3.0], [5.0]]))
+        >>> model = LocalGP(neighbours=2).fit(places, PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.01))
+        >>> model.predict(poses).mean.flatten()  # each from its two nearest images
+        tensor([1.0198, 3.0000, 4.9802], dtype=torch.float64)
     """
 
     def __init__(self, neighbours: int = 16, neighbourhood: Neighbourhood = "own"):

@@ -40,6 +40,14 @@ class RandomFeatures(FeatureRegression):
 
     Raises:
         UserError: the number of features is odd or below 2.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> poses = torch.tensor([[0.0, 0, 0], [1, 0, 0]], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.eye(2)), PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.1)
+        >>> features = RandomFeatures(1000).fit(places, kernel).features_at(poses)
+        >>> (features @ features.T - kernel(poses, poses)).abs().max() < 0.1
+        tensor(True)
     """
 
     frequencies: Float64[Tensor, "4 half"]

@@ -21,6 +21,16 @@ class SGPR(InducingRegression):
     """The variational sparse Gaussian process, fitted at once. Arguments and errors: as its base class.
 
     With inducing poses at the map's it is the exact Gaussian process.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.observation import ExactGP
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.rand(20, 4)), PoseKernel("rbf", (3.0, 3.0), 1.0, 1.0, 0.1)
+        >>> exact = ExactGP().fit(places, kernel).log_marginal_likelihood()
+        >>> SGPR(5).fit(places, kernel).elbo() < SGPR(10).fit(places, kernel).elbo() <= exact
+        True
     """
 
     def _fit_posterior(self) -> None:

@@ -55,6 +55,16 @@ class SKI(ObservationModel):
 
     Raises:
         UserError: the spacing or the rank is outside its range.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.observation import ExactGP
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.rand(20, 4)), PoseKernel("rbf", (3.0, 3.0), 1.0, 1.0, 0.1)
+        >>> exact, grid = (model.fit(places, kernel).predict(poses).mean for model in (ExactGP(), SKI()))
+        >>> (grid - exact).abs().max() < 0.02
+        tensor(True)
     """
 
     grid_mean: Float32[Tensor, "g d"]

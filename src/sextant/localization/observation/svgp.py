@@ -39,6 +39,16 @@ class SVGP(InducingRegression):
 
     Raises:
         UserError: a size is below 1, the forgetting rate is outside its range, or as the base class.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.observation import SGPR
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> poses = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.rand(20, 4)), PoseKernel("rbf", (3.0, 3.0), 1.0, 1.0, 0.1)
+        >>> whole = SGPR(10).fit(places, kernel)
+        >>> SVGP(10, steps=40, batch=5).fit(places, kernel).predict(poses).mean.allclose(whole.predict(poses).mean)
+        True
     """
 
     def __init__(

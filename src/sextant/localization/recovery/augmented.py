@@ -39,6 +39,22 @@ class AugmentedMCL(Recovery):
 
     Raises:
         UserError: not 0 < alpha_slow < alpha_fast < 1, or another argument is not one of what is allowed.
+
+    Example:
+        >>> from sextant.localization.belief import Belief
+        >>> from sextant.localization.observation import Evidence
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> recovery, prior, draws = AugmentedMCL(), MapPrior(line, 0.5, 0.1), torch.Generator()
+        >>> memory, counts = recovery.memory(runs=1), []
+        >>> for x in (10, 10, 0):  # where all particles are: two images fit, the third does not
+        ...     weighed = Weighed.of(Belief.uniform(line[x : x + 1].repeat(1, 100, 1)), AtTen(), None)
+        ...     injection, memory = recovery.inject(weighed, prior, memory, draws)
+        ...     counts.append(0 if injection is None else int(injection.count))
+        >>> counts
+        [0, 0, 50]
     """
 
     alpha_slow: float = 0.001

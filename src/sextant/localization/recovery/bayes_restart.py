@@ -56,6 +56,19 @@ class BayesRestart(Recovery):
 
     Raises:
         UserError: the hazard or the share is not between 0 and 1, or the window is negative.
+
+    Example:
+        >>> from sextant.localization.belief import Belief
+        >>> from sextant.localization.observation import Evidence
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> weighed = Weighed.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
+        >>> recovery = BayesRestart(share=0.1)
+        >>> injection, _ = recovery.inject(weighed, MapPrior(line, 0.1, 0.1), recovery.memory(1), torch.Generator())
+        >>> int(injection.count), float(injection.poses[..., 0].mean().round())  # where the image says
+        (10, 10.0)
     """
 
     hazard: float = 1e-3

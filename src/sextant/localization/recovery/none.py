@@ -11,7 +11,12 @@ from sextant.localization.weighed import Weighed
 
 @dataclass(frozen=True)
 class NoRecovery(Recovery):
-    """Adds nothing."""
+    """Adds nothing.
+
+    Example:
+        >>> NoRecovery().memory(runs=3) is None  # it remembers nothing either
+        True
+    """
 
     def inject(
         self, weighed: Weighed, prior: MapPrior, memory: Memory, generator: torch.Generator

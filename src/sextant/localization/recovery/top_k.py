@@ -25,6 +25,19 @@ class TopKInjection(Recovery):
 
     Raises:
         UserError: the share is not between 0 and 1, or ``top`` is below 1.
+
+    Example:
+        >>> from sextant.localization.belief import Belief
+        >>> from sextant.localization.observation import Evidence
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> weighed = Weighed.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
+        >>> recovery = TopKInjection(share=0.1, top=1)
+        >>> injection, _ = recovery.inject(weighed, MapPrior(line, 0.1, 0.1), None, torch.Generator())
+        >>> int(injection.count), injection.poses[..., 0].round().unique().tolist()
+        (10, [10.0])
     """
 
     share: float = 0.05

@@ -23,6 +23,19 @@ class UniformInjection(Recovery):
 
     Raises:
         UserError: the share is not between 0 and 1.
+
+    Example:
+        >>> from sextant.localization.belief import Belief
+        >>> from sextant.localization.observation import Evidence
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> weighed = Weighed.of(Belief.uniform(line[:1].repeat(1, 100, 1)), AtTen(), None)  # all are at 0 m
+        >>> injection, _ = UniformInjection(0.05).inject(weighed, MapPrior(line, 0.5, 0.1), None, torch.Generator())
+        >>> mass = (injection.log_weights.logsumexp(1) - weighed.log_evidence).exp()
+        >>> int(injection.count), float(mass.round(decimals=6))  # of 100 particles, and of the mass
+        (5, 0.05)
     """
 
     share: float = 0.05
