@@ -188,6 +188,22 @@ def test_a_window_finds_a_robot_whose_every_image_looks_like_many_places():
     assert sum(window) < sum(alone) / 2
 
 
+@pytest.mark.parametrize("particles", [10, 30, 4000])  # of which one, three and many are restarts
+def test_restarts_weigh_in_the_mean_what_their_sum_over_the_map_is_worth(particles):
+    recovery, runs = BayesRestart(0.01, 0.1, window=3), max(8, 8000 // particles)
+    memory, chance = recovery.memory(runs), torch.Generator().manual_seed(0)
+    told = Told([looks] * runs, MAP)
+    for _ in range(4):
+        known = memory
+        weighed = Weighed.of(Belief.uniform(MAP[:1].repeat(runs, particles, 1)), told, None)
+        injection, memory = recovery.inject(weighed, MapPrior(MAP, 0.0, 0.0), memory, chance)
+        memory = recovery.moved(memory, rows((1.0, 0.0, 0.0)).repeat(runs, 1))
+    worth = (told.over_map() + known.log_worth(MAP[None].repeat(runs, 1, 1))).exp().mean(1)
+    ratio = injection.log_weights.exp().sum(1) / (0.01 / 4 * worth)
+    assert float(ratio.mean()) == pytest.approx(1, abs=0.1)
+    assert float(ratio.mean()) == pytest.approx(1, abs=4 * float(ratio.std()) / runs**0.5)
+
+
 @pytest.mark.parametrize("window", [-1, 2.5, True, "3"])
 def test_a_window_that_is_no_number_of_images_is_refused(window):
     with pytest.raises(UserError, match=f"window={window!r} must be a whole number, at least 0"):
