@@ -23,6 +23,7 @@ SWEEPS = {
     "gp_approximation_support": "gp_approximation",
     "lenet_fresh": "pushpull_lenet_fresh",
     "nordland": "localization_nordland",
+    "weather": "place_weather",
 }
 
 
