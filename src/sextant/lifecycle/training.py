@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytorch_lightning as pl
@@ -175,7 +175,7 @@ def _write_results(
     return results
 
 
-def precision_here(settings: Trainer) -> str:
+def precision_here(settings: Trainer) -> Literal["32-true", "16-mixed", "bf16-mixed"]:
     """What is computed in: float32 where bfloat16 is asked of a processor that would only emulate it."""
     emulated = (
         (settings.accelerator, settings.precision) == ("cpu", "bf16-mixed")

@@ -66,7 +66,7 @@ def place_posterior(similarities: Float[ndarray, "m n"], positives: Positives, t
         temperature: above 0, in the unit of the similarities.
 
     Raises:
-        ValueError: the shapes differ, a similarity is not finite, or the temperature is not above 0.
+        ValueError: there is no reference, the shapes differ, a similarity is not finite, or the temperature is not above 0.
 
     >>> place = Positives.from_lists([[0]], references=2)
     >>> found = place_posterior(np.log([[3.0, 1.0]]), place, temperature=1.0)  # 3/4 for the right one of two
@@ -92,7 +92,7 @@ def fit_temperature(similarities: Float[ndarray, "m n"], positives: Positives) -
     first and the best of it is refined. Queries without a positive say nothing of it.
 
     Raises:
-        ValueError: the shapes differ, a similarity is not finite, all are equal, or no query has a positive.
+        ValueError: there is no reference, the shapes differ, a similarity is not finite, all are equal, or no query has a positive.
 
     >>> places = Positives.from_lists([[0], [0], [0], [1]], references=2)
     >>> found = fit_temperature(np.tile([1.0, 0.0], (4, 1)), places)  # the first reference is right in 3 of 4
@@ -138,6 +138,8 @@ def _mean(values: ndarray) -> float:
 
 
 def _check(similarities: Float[ndarray, "m n"], positives: Positives) -> None:
+    if not positives.references:
+        raise ValueError("a posterior over places needs a reference")
     if similarities.shape != (len(positives), positives.references):
         raise ValueError(f"need similarities {(len(positives), positives.references)}; got {similarities.shape}")
     if not np.isfinite(similarities).all():
