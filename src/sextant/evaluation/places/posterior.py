@@ -66,7 +66,7 @@ def place_posterior(similarities: Float[ndarray, "m n"], positives: Positives, t
         temperature: above 0, in the unit of the similarities.
 
     Raises:
-        ValueError: there is no reference, the shapes differ, a similarity is not finite, or the temperature is not above 0.
+        ValueError: no reference, shapes that differ, a similarity that is not finite, or a temperature not above 0.
 
     >>> place = Positives.from_lists([[0]], references=2)
     >>> found = place_posterior(np.log([[3.0, 1.0]]), place, temperature=1.0)  # 3/4 for the right one of two
@@ -92,7 +92,7 @@ def fit_temperature(similarities: Float[ndarray, "m n"], positives: Positives) -
     first and the best of it is refined. Queries without a positive say nothing of it.
 
     Raises:
-        ValueError: there is no reference, the shapes differ, a similarity is not finite, all are equal, or no query has a positive.
+        ValueError: no reference, shapes that differ, a similarity that is not finite, all alike, or no query with a positive.
 
     >>> places = Positives.from_lists([[0], [0], [0], [1]], references=2)
     >>> found = fit_temperature(np.tile([1.0, 0.0], (4, 1)), places)  # the first reference is right in 3 of 4
