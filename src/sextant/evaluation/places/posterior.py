@@ -92,7 +92,7 @@ def fit_temperature(similarities: Float[ndarray, "m n"], positives: Positives) -
     first and the best of it is refined. Queries without a positive say nothing of it.
 
     Raises:
-        ValueError: no reference, shapes that differ, a similarity that is not finite, all alike, or no query with a positive.
+        ValueError: no reference, shapes that differ, a similarity not finite, all alike, or no query with a positive.
 
     >>> places = Positives.from_lists([[0], [0], [0], [1]], references=2)
     >>> found = fit_temperature(np.tile([1.0, 0.0], (4, 1)), places)  # the first reference is right in 3 of 4
