@@ -17,6 +17,7 @@ COMPLETE = (
     "evaluation",
     "evaluation.calibration",
     "evaluation.classification",
+    "evaluation.exported",
     "evaluation.localization",
     "evaluation.places",
     "figures",

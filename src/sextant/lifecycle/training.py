@@ -175,7 +175,7 @@ def _write_results(
     return results
 
 
-def precision_here(settings: Trainer) -> Literal["32-true", "16-mixed", "bf16-mixed"]:
+def _effective_precision(settings: Trainer) -> Literal["32-true", "16-mixed", "bf16-mixed"]:
     """What is computed in: float32 where bfloat16 is asked of a processor that would only emulate it."""
     emulated = (
         (settings.accelerator, settings.precision) == ("cpu", "bf16-mixed")
@@ -186,7 +186,7 @@ def precision_here(settings: Trainer) -> Literal["32-true", "16-mixed", "bf16-mi
 
 
 def _tell_precision(settings: Trainer, reporter: RunReporter) -> None:
-    if precision_here(settings) != settings.precision:
+    if _effective_precision(settings) != settings.precision:
         reporter.say(
             f"trainer.precision={settings.precision}: this processor has no bfloat16 and would only emulate it, "
             "many times slower than float32, which it uses instead"
@@ -200,7 +200,7 @@ def _trainer(
         accelerator=config.trainer.accelerator,
         devices=1 if rank is None else config.trainer.devices,
         strategy="auto" if rank is None else Processes(),
-        precision=precision_here(config.trainer),
+        precision=_effective_precision(config.trainer),
         deterministic=config.trainer.deterministic,
         max_epochs=config.trainer.max_epochs,
         accumulate_grad_batches=config.trainer.accumulate,
@@ -272,7 +272,7 @@ def _with_record(
         write(directory.path / name)
     parameters = sum(parameter.numel() for parameter in module.parameters())
     table = {"table": record.table} if record.table else {}
-    facts = {"parameters": parameters, "precision": precision_here(config.trainer)} | table | record.facts
+    facts = {"parameters": parameters, "precision": _effective_precision(config.trainer)} | table | record.facts
     return results | {"metrics": results["metrics"] | record.metrics} | facts
 
 
