@@ -35,7 +35,7 @@ from sextant.tracking.mirror import MirroredRun
 from sextant.tracking.system_metrics import system_metrics
 from sextant.trained.content import load_weights, read_trained
 
-#: what PyTorch calls x86 processors that only emulate bfloat16: a convolution takes them ten times as long in it
+#: what PyTorch calls x86 processors that only emulate bfloat16, at a tenth of the speed of float32 and less
 WITHOUT_BFLOAT16 = ("NO AVX", "DEFAULT", "AVX2")
 
 
