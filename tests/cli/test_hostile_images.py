@@ -44,7 +44,7 @@ def nothing_is_drawn():
         for module in ("figures.style", "cli.cosfire_detection.predict"):
             patch.setattr(f"sextant.{module}.save_figure", lambda *_: None)
         patch.setattr("sextant.figures.calibration.overlay.calibration_overlay", lambda _: None)
-        patch.setattr("sextant.figures.calibration.overlay.calibration_sheet", lambda _: None)
+        patch.setattr("sextant.figures.calibration.overlay.photo_sheet", lambda _: None)
         for name in ("cosfire_filter", "cosfire_responses"):
             patch.setattr(f"sextant.cli.cosfire_detection.predict.{name}", lambda *_, **__: None)
         patch.setattr("sextant.cli.place_matching.predict.write_gallery", lambda *_: [])

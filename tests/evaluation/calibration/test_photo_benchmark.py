@@ -80,3 +80,8 @@ def test_errors_by_verdict():
     assert by_verdict["weak"]["focal off by over 20 %"] == "2"
     assert by_verdict["not trustworthy"]["tilt (°)"] == "–"
     assert float(by_verdict["weak"]["focal (%)"]) == pytest.approx(30)
+
+
+def test_a_table_of_no_method_is_refused():
+    with pytest.raises(ValueError, match="methods is empty"):
+        interval_table(TRUTH, {})

@@ -60,3 +60,8 @@ def test_numbers_of_any_picture_are_finite():
         assert picture_looks(picture).isfinite().all()
     flat = LooksSpread.fit(picture_looks(torch.full((5, 3, 12, 12), 0.3)))
     assert flat.distance(picture_looks(torch.rand(2, 3, 12, 12))).isfinite().all()
+
+
+def test_one_picture_has_no_spread():
+    with pytest.raises(ValueError, match="at least 2"):
+        LooksSpread.fit(torch.zeros(1, NUMBERS))

@@ -35,3 +35,9 @@ def test_a_wider_margin_is_surer_and_none_says_nothing():
 def test_sets_that_say_nothing_are_refused(margins):
     with pytest.raises(ValueError, match="at least one set of matches, each with finite margins"):
         fit_match_confidence([(np.array(each), np.ones(len(each), bool)) for each in margins])
+
+
+@pytest.mark.parametrize("right", [[0, 0, 1, 1], [1, 1, 0, 0], [1, 1, 1, 1], [0, 0, 0, 0]])
+def test_matches_that_a_margin_parts_are_refused(right):
+    with pytest.raises(ValueError, match="add sets of images"):
+        fit_match_confidence([(np.array([0.0, 0.1, 0.2, 0.3]), np.array(right, bool))])

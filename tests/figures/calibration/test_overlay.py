@@ -9,9 +9,9 @@ import torch
 from sextant.figures.calibration.overlay import (
     CalibratedPhoto,
     calibration_overlay,
-    calibration_sheet,
     distortion_grid,
     gravity_arrows,
+    photo_sheet,
 )
 from sextant.figures.style import save_figure
 from sextant.geometry import perspective_bearings, rho_from_tilt, up_in_camera
@@ -130,7 +130,7 @@ def test_any_shape_is_drawn(tmp_path, size):
 
 
 def test_a_sheet_has_a_cell_a_photo():
-    figure = calibration_sheet([photo()] * 5)
+    figure = photo_sheet([photo()] * 5)
     drawn = [axes for axes in figure.axes if axes.images]
     assert len(drawn) == 5
     assert all(axes.get_title(loc="left") == "a\nb" for axes in drawn)

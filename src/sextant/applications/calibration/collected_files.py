@@ -41,10 +41,10 @@ def write_collected(
         names = [f"{q}_{level}_{end}" for q, level in BOUNDED for end in ("low", "high")]
         write_csv(output / "calibrations.csv", [*COLUMNS, *names], map(_flat, rows))
         if sheet:
-            from sextant.figures.calibration.overlay import calibration_sheet
+            from sextant.figures.calibration.overlay import photo_sheet
             from sextant.figures.style import save_figure
 
-            save_figure(calibration_sheet(sheet), output, "calibrations")
+            save_figure(photo_sheet(sheet), output, "calibrations")
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -115,11 +115,16 @@ def error_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
 def interval_table(truth: Truth, methods: Mapping[str, Answers]) -> Table:
     """How often the 68 and 95 % intervals hold the truth, in per cent with intervals over clusters.
 
+    Raises:
+        ValueError: there is no method.
+
     >>> truth = Truth(np.array([[0.0, 0.0, 1.0, 0.0]] * 2), aspect=np.ones(2), clusters=["hall", "hall"])
     >>> tilted = truth.cameras + [[0.1, 0, 0, 0], [0.3, 0, 0, 0]]  # radians
     >>> interval_table(truth, {"ours": Answers(tilted, {95: np.full((2, 4), 0.2)}, ["good", "good"])})
     (['method', 'tilt, 95 %', 'roll, 95 %', 'vfov, 95 %'], [['ours', '50', '100', '100']])
     """
+    if not methods:
+        raise ValueError("methods is empty; the table has a row for each method, and its columns from their intervals")
     names = ("tilt", "roll", "vfov")
     rows = []
     for name, answers in methods.items():

@@ -77,7 +77,13 @@ class LooksSpread:
 
     @classmethod
     def fit(cls, looks: Float[Tensor, "n 16"]) -> "LooksSpread":
-        """The spread of a set of at least two pictures."""
+        """The spread of a set of pictures.
+
+        Raises:
+            ValueError: there are fewer than two of them.
+        """
+        if len(looks) < 2:
+            raise ValueError(f"looks has {len(looks)} pictures; the spread of a set needs at least 2")
         scale = looks.std(0).clamp(min=SMALLEST)
         mean, covariance = looks.mean(0), (looks / scale).T.cov()
         even = covariance.diagonal().mean() * torch.eye(looks.shape[1], dtype=looks.dtype, device=looks.device)

@@ -48,7 +48,8 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
         sets: margins of the best matches of each, and whether they are right.
 
     Raises:
-        ValueError: there is no set, or one is empty or has a margin that is not finite.
+        ValueError: there is no set, or one is empty or has a margin that is not finite; or some margin parts all right
+            matches from all wrong ones, so that the likelihood has no greatest value.
 
     >>> margin, right = np.repeat([0.0, 0.1], 4), np.array([1, 0, 0, 0, 1, 1, 1, 0], bool)
     >>> fit_match_confidence([(margin, right)]).probability(np.array([0.0, 0.1])).round(2)  # 1 of 4 right, and 3 of 4
@@ -56,6 +57,15 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
     """
     if not sets or not all(len(margin) and np.isfinite(margin).all() for margin, _ in sets):
         raise ValueError("confidence is fitted to at least one set of matches, each with finite margins")
+    of_right = np.concatenate([margin[right] for margin, right in sets])
+    of_wrong = np.concatenate([margin[~right] for margin, right in sets])
+    if max(of_right, default=-np.inf) < min(of_wrong, default=np.inf) or max(of_wrong, default=-np.inf) < min(
+        of_right, default=np.inf
+    ):
+        raise ValueError(
+            f"a margin parts the {len(of_right)} right matches from the {len(of_wrong)} wrong ones; a confidence can "
+            "only be fitted where some wrong match has a greater margin than some right one: add sets of images"
+        )
 
     def loss(parameters: ndarray) -> float:
         scores = [(parameters[0] * margin + parameters[1]) * np.where(right, 1, -1) for margin, right in sets]

@@ -119,11 +119,11 @@ def calibration_overlay(photo: CalibratedPhoto) -> Figure:
     return figure
 
 
-def calibration_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
+def photo_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
     """Many photos, four a row, each with its overlay and caption.
 
     >>> photo = CalibratedPhoto(np.zeros((60, 80, 3), np.uint8), 0.1, 0.0, 0.7, -0.2, 0.0, (0, 0, 1, 1))
-    >>> figure = calibration_sheet([photo] * 5)
+    >>> figure = photo_sheet([photo] * 5)
     >>> [len(axes.images) for axes in figure.axes]
     [1, 1, 1, 1, 1, 0, 0, 0]
     """
