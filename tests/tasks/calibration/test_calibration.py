@@ -14,7 +14,7 @@ from sextant.losses import BearingLoss
 from sextant.models import CalibrationNet, StridedCNN
 from sextant.tasks.calibration.module import Calibration
 from sextant.tasks.calibration.network import CalibrationPrediction, CalibrationSpec, CameraNetwork, reported
-from sextant.tasks.calibration.report import arrays, compare, figures, metrics, table
+from sextant.tasks.calibration.report import _segment_counts, arrays, compare, figures, metrics, table
 
 
 def data(**changes):
@@ -154,3 +154,15 @@ def test_without_geometric_methods_the_report_is_of_labels_and_the_network(train
     report = compare(calibration, crops, geometric=False, progress=lambda *_: None)
     assert list(report.errors) == ["constant", "prior", "network"]
     assert np.isfinite(report.errors["network"]["bearing_deg"]).all()
+
+
+def test_two_processes_see_the_lines_that_one_sees(trained):
+    crops = trained[1]
+    alone = _segment_counts(crops, "test", 24, lambda *_: None)
+    crops.workers = 1
+    try:
+        told = []
+        assert (_segment_counts(crops, "test", 24, lambda *done: told.append(done)) == alone).all()
+    finally:
+        crops.workers = 0
+    assert told[-1] == (24, 24)

@@ -1,14 +1,14 @@
 """The trained network beside methods that learn nothing or look at lines alone: errors, table, figures."""
 
 import math
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int64, UInt8
+from jaxtyping import Bool, Float, Int64
 from numpy import ndarray
 
 from sextant.data.calibration.datamodule import CalibrationData
@@ -31,7 +31,7 @@ KEPT = ("tilt_deg", "roll_deg", "vfov_deg", "k1", "k1_hat", "bearing_deg", "undi
 #: columns of the table that is printed
 COLUMNS = ("method", "tilt (°)", "roll (°)", "vfov (°)", "k1", "k1/f²", "bearing (°)", "undistortion (px @480)")
 REPORTED = ("tilt", "roll", "vfov", "k1_hat")
-BATCH, THREADS, SHEET = 64, 2, 16
+BATCH, SHEET = 64, 16
 #: images with fewer long segments than this share of the validation images count as poor in lines
 FEW_LINES_SHARE = 0.25
 
@@ -68,11 +68,10 @@ def compare(module: Calibration, data: CalibrationData, *, geometric: bool, prog
     }
     few, below = None, 0
     if geometric:
-        found, counts = _geometric(module, data, training, n, progress)
-        cameras |= found
+        cameras |= _geometric(module, data, training, n, progress)
         data.setup("validate")
-        below = int(np.quantile(_segment_counts(data, "val", progress), FEW_LINES_SHARE))
-        few = counts < below
+        below = int(np.quantile(_segment_counts(data, "val", data.count("val"), progress), FEW_LINES_SHARE))
+        few = _segment_counts(data, "test", n, progress) < below
     ours = result.predictions["clean"].parameters
     refined = cameras.pop("network + lines", None)
     cameras["network"] = ours
@@ -89,16 +88,10 @@ def compare(module: Calibration, data: CalibrationData, *, geometric: bool, prog
 
 def _geometric(
     module: Calibration, data: CalibrationData, training: CameraParameters, n: int, progress: Advance
-) -> tuple[dict[str, CameraParameters], Int64[ndarray, "n"]]:
-    """Cameras of every geometric method for the test crops, and how many long segments each crop has."""
-    from sextant.baselines.calibration import (
-        CombinedGeometry,
-        LineEvidence,
-        PlumbLine,
-        VanishingPoints,
-        camera_of_vector,
-        joint_estimate,
-    )
+) -> dict[str, CameraParameters]:
+    """Cameras of every geometric method for the test crops."""
+    from sextant.baselines.calibration import CombinedGeometry, PlumbLine, VanishingPoints
+    from sextant.baselines.calibration.by_lines import cameras_by_lines
 
     assert module.result is not None
     prediction = module.result.predictions["clean"]
@@ -109,15 +102,13 @@ def _geometric(
         "both": CombinedGeometry().fit(training),
     }
 
-    def look(i: int, image: UInt8[ndarray, "h w 3"]) -> tuple[list[CameraParameters], int]:
-        estimates = [method.calibrate(image) for method in methods.values()]
-        joint = camera_of_vector(joint_estimate(LineEvidence.of(image), [beliefs[i]]).vector)
-        return [*(estimate.camera for estimate in estimates), joint], estimates[0].long_segments
-
-    found = list(_over_crops(data, "test", n, look, progress))
-    columns = zip(*(cameras for cameras, _ in found), strict=True)
-    stacked = [CameraParameters(*(torch.stack(values) for values in zip(*column, strict=True))) for column in columns]
-    return dict(zip([*methods, "network + lines"], stacked, strict=True)), np.array([count for _, count in found])
+    look = partial(cameras_by_lines, list(methods.values()))
+    found = list(_over_crops(data, "test", n, look, progress, beliefs))
+    stacked = [
+        CameraParameters(*(torch.stack(values) for values in zip(*column, strict=True)))
+        for column in zip(*found, strict=True)
+    ]
+    return dict(zip([*methods, "network + lines"], stacked, strict=True))
 
 
 def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
@@ -132,26 +123,30 @@ def network_beliefs(prediction: CalibrationPrediction) -> "list[CameraBelief]":
     ]
 
 
-def _segment_counts(data: CalibrationData, split: str, progress: Advance) -> Int64[ndarray, "n"]:
-    from sextant.baselines.calibration import count_long, detect_segments
+def _segment_counts(data: CalibrationData, split: str, n: int, progress: Advance) -> Int64[ndarray, "n"]:
+    from sextant.baselines.calibration.by_lines import long_segments
 
-    def look(i: int, image: UInt8[ndarray, "h w 3"]) -> int:
-        return count_long(detect_segments(image))
-
-    return np.array(list(_over_crops(data, split, data.count(split), look, progress)))
+    return np.array(list(_over_crops(data, split, n, long_segments, progress)))
 
 
 def _over_crops(
-    data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Advance
+    data: CalibrationData, split: str, n: int, look: Callable[..., Any], progress: Advance, *beside: Sequence[Any]
 ) -> Iterator[Any]:
-    """``look(i, image)`` for the first ``n`` crops of a split, in order, on two threads."""
+    """``look(image, *beside[i])`` for the first ``n`` crops of a split, in order, on as many processes as train."""
+    from joblib import Parallel, delayed
+
     crops = data.larger(split)
-    with ThreadPoolExecutor(THREADS) as pool:
+
+    def work() -> Iterator[Any]:
         for start in range(0, n, BATCH):
             numbers = list(range(start, min(start + BATCH, n)))
             images = np.ascontiguousarray(crops[numbers].images.numpy().transpose(0, 2, 3, 1))
-            yield from pool.map(look, numbers, images)
-            progress(numbers[-1] + 1, n)
+            for i, image in zip(numbers, images, strict=True):
+                yield delayed(look)(image, *(each[i] for each in beside))
+
+    for done, found in enumerate(Parallel(1 + data.workers, return_as="generator")(work()), 1):
+        progress(done, n)
+        yield found
 
 
 def _repeated(camera: CameraParameters, n: int) -> CameraParameters:

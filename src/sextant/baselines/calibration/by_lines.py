@@ -1,0 +1,42 @@
+"""What the lines of one image say, by every method: work for many processes, which import little for it."""
+
+from collections.abc import Sequence
+
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from sextant.baselines.calibration.estimate import camera_of_vector
+from sextant.baselines.calibration.joint import joint_estimate
+from sextant.baselines.calibration.line_evidence import LineEvidence
+from sextant.baselines.calibration.line_segments import count_long, detect_segments
+from sextant.baselines.calibration.method import CalibrationBaseline
+from sextant.baselines.calibration.terms import CameraBelief
+from sextant.geometry import CameraParameters
+
+
+def cameras_by_lines(
+    methods: Sequence[CalibrationBaseline], image: UInt8[ndarray, "h w 3"], belief: CameraBelief
+) -> list[CameraParameters]:
+    """The camera by each of ``methods``, and last the one by all lines and a network's ``belief``.
+
+    >>> import numpy as np
+    >>> from sextant.baselines.calibration import VanishingPoints
+    >>> belief = CameraBelief(tilt=0.1, roll=0.0, focal=1.0, k1_hat=0.0, sigma=(0.1, 0.1, 0.2, 0.1))
+    >>> _, joint = cameras_by_lines([VanishingPoints()], np.zeros((64, 64, 3), np.uint8), belief)
+    >>> round(float(joint.tilt), 3)  # no lines: what the network believes
+    0.1
+    """
+    joint = joint_estimate(LineEvidence.of(image), [belief])
+    return [*(method.calibrate(image).camera for method in methods), camera_of_vector(joint.vector)]
+
+
+def long_segments(image: UInt8[ndarray, "h w 3"]) -> int:
+    """How many line segments of an image are longer than a tenth of its height.
+
+    >>> import numpy as np
+    >>> stripes = np.zeros((64, 64, 3), np.uint8)
+    >>> stripes[:, 16:48] = 255
+    >>> long_segments(stripes)  # two edges
+    2
+    """
+    return count_long(detect_segments(image))
