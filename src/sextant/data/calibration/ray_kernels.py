@@ -9,10 +9,11 @@ polynomial of eight terms, fitted here to an error of 4e-8. All in all a pixel's
 is right to 0.001 pixels.
 """
 
-from typing import Any
+from functools import partial
 
-import numba
 import numpy as np
+
+from sextant.compiled import compiled as machine_code
 
 ONE, HALF, ZERO = np.float32(1), np.float32(0.5), np.float32(0)
 THREE, FIVE = np.float32(3), np.float32(5)
@@ -26,13 +27,8 @@ A4, A5, A6, A7 = map(
 )
 
 
-def compiled(function: Any) -> Any:
-    """``function`` as machine code without the interpreter's lock, kept on disk where that is possible."""
-    options: Any = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nnan", "ninf", "nsz"}}
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # nowhere to keep it: compile in every process
-        return numba.njit(**options)(function)
+#: sums keep their order; values are finite
+compiled = partial(machine_code, fastmath={"contract", "nnan", "ninf", "nsz"})
 
 
 @compiled
