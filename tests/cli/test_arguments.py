@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from sextant.cli.arguments import SPLIT, Options
+from sextant.cli.arguments import SPLIT, Options, parse_arguments
 from sextant.errors import UserError
 
 
@@ -66,3 +66,8 @@ def test_a_command_line_has_no_other_keys(capsys):
     said = capsys.readouterr().out
     assert "name            what it is called, in one line" in said
     assert "server.address  where" in said
+
+
+def test_an_empty_value_is_not_the_current_folder():
+    with pytest.raises(UserError, match=re.escape("address= is empty: where\nusage")):
+        parse_arguments(["name=a", "address="], {"name": "what", "address": "where"}, "usage")

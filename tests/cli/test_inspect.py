@@ -21,6 +21,15 @@ def test_a_folder_is_shown_with_commands_to_copy(tmp_path, capsys):
     assert facts["suggestions"][0]["commands"] == [command.strip()]
 
 
+def test_a_name_of_any_characters_is_shown_as_it_is(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = ["br [x]/a[/b]", "pan o, =", "long " * 40]
+    for name in names:
+        photos(tmp_path / name, camera=("Apple", "iPhone 12"))
+        cli.run("inspect", [name])
+        assert capsys.readouterr().out.splitlines()[0] == name
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -45,6 +45,7 @@ def test_the_default_config_is_legal_and_typed(composed):
         ("backbone.variant", "E", "must be 'A', 'B', 'C' or 'D'"),
         ("task.validation_fraction", 1.0, "must be less than 1"),
         ("seed", -3, "seed=-3"),
+        ("paths.outputs", "", "paths.outputs='': must have at least 1 character"),
         ("corruption.corruptions.gaussian.levels", [-1.0], "corruption.corruptions.gaussian.levels.0=-1.0"),
         ("corruption.corruptions.contrast_poisson.levels", [], "at least 1 item"),
         ("corruption.corruptions.gaussian.levels", [0.1, 0.1], "gaussian.levels: values must differ, got [0.1, 0.1]"),

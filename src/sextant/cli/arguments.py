@@ -124,7 +124,7 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
         usage: an example, printed by ``--help``.
 
     Raises:
-        UserError: an argument is not of that form, or its key is unknown; names the nearest.
+        UserError: an argument is not of that form, it is empty, or its key is unknown; names the nearest.
         SystemExit: after ``--help``.
     """
     if any(argument in ("-h", "--help") for argument in arguments):
@@ -142,5 +142,7 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
             raise UserError(
                 f"{argument}: unknown key", f"Did you mean {near}={value}?" if near else f"Keys: {', '.join(known)}"
             )
+        if not value:
+            raise UserError(f"{key}= is empty: {known[key]}", usage)
         found[key] = value
     return found

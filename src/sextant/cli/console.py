@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from sextant.errors import UserError
 
@@ -50,19 +51,20 @@ def print_mistake(error: UserError) -> None:
         errors.print(escape(error.fix))
 
 
-def key_value_table(title: str, rows: Mapping[str, str]) -> Table:
-    """A two-column table without lines."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
+def print_key_values(title: str, rows: Mapping[str, str]) -> None:
+    """A title, which may be a long path, and below it two columns without lines."""
+    console.print(Text(title, "bold"), soft_wrap=True)
+    table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     for key, value in rows.items():
         table.add_row(key, escape(value))
-    return table
+    console.print(table)
 
 
 def rows_table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
     """A table of rows with the same columns, the first one of names."""
-    table = Table(title=title, title_justify="left", title_style="bold")
+    table = Table(title=escape(title), title_justify="left", title_style="bold")
     for i, column in enumerate(rows[0]):
         table.add_column(column, justify="left" if i == 0 else "right")
     for row in rows:

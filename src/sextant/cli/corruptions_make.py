@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sextant.cli.arguments import SPLIT, UserPath
-from sextant.cli.console import console, key_value_table, reporting_mistakes
+from sextant.cli.console import console, print_key_values, reporting_mistakes
 from sextant.cli.data_describe import Sharded
 from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
@@ -82,4 +82,4 @@ def main(arguments: Sequence[str]) -> None:
     shape = " x ".join(map(str, made.shape[1:]))
     rows = {"images": f"{made.shape[0]:,} of {shape}", "mode": options.mode, "seed": str(options.seed)}
     rows |= {"made": f"{made.made} corruptions", "kept": f"{made.kept}", "seconds": f"{made.seconds:,.1f}"}
-    console.print(key_value_table(options.benchmark, rows | {"path": str(options.output)}))
+    print_key_values(options.benchmark, rows | {"path": str(options.output)})

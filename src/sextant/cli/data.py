@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sextant.cli.arguments import Options
-from sextant.cli.console import console, key_value_table
+from sextant.cli.console import console, print_key_values
 from sextant.cli.data_describe import DESCRIBE, Sharded, describe
 from sextant.cli.gallery import gallery
 from sextant.cli.work_progress import work_progress
@@ -100,7 +100,7 @@ def _render(arguments: list[str]) -> None:
     facts = {str(name).replace("_", " "): _shown(value) for name, value in store.facts.items()}
     rows = {"images": f"{len(store):,}"} | facts | {"path": str(store.directory), "seconds": f"{seconds:,.1f}"}
     rows["images/s"] = f"{made / seconds:,.1f}" if made else "all were rendered before"
-    console.print(key_value_table(plan.name, rows))
+    print_key_values(plan.name, rows)
 
 
 def render_options(arguments: Sequence[str]) -> tuple[RenderOptions, list[str]]:

@@ -14,6 +14,8 @@ from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
 
 DESCRIBE = "sextant data describe run=<run> map=<photos> output=<folder> [shards=3 [shard=0]]"
+#: of finding the run, with what they mean
+RUN_KEYS = {"outputs": "output folder of runs, if not the default", "trust": "true: build parts that the run names"}
 
 
 class Sharded(Options):
@@ -45,7 +47,7 @@ class DescribeOptions(Sharded):
 
 def describe(arguments: Sequence[str]) -> None:
     """Describe photos, or put together what was described of them."""
-    given = parse_arguments(arguments, DescribeOptions.meanings() | {"outputs": "", "trust": ""}, DESCRIBE)
+    given = parse_arguments(arguments, DescribeOptions.meanings() | RUN_KEYS, DESCRIBE)
     options = DescribeOptions.of(given, DESCRIBE)
     photos, trained = photos_below(options.map, "map", options.output, one=False), open_run(given)
     from sextant.applications.places.map_shards import describe_shard, merge_shards

@@ -1,5 +1,6 @@
 """``sextant inspect``: what a folder or a video of the user's own holds, which tasks fit, and the commands for them."""
 
+import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -7,7 +8,7 @@ from pydantic import Field
 from rich.markup import escape
 
 from sextant.cli.arguments import Options, UserPath
-from sextant.cli.console import console, key_value_table
+from sextant.cli.console import console, print_key_values
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
@@ -29,14 +30,14 @@ class InspectOptions(Options):
 
 def main(arguments: Sequence[str]) -> None:
     """Show what was found, what is odd about it, and commands to copy."""
-    bare = [word for word in arguments if "=" not in word and not word.startswith("-")]
+    bare = [word for word in arguments if ("=" not in word and not word.startswith("-")) or os.path.lexists(word)]
     words = [f"input={word}" if word in bare[:1] else word for word in arguments]
     options = InspectOptions.parse(words, USAGE)
     from sextant.applications.inspection import inspect, summary
     from sextant.atomic_files import write_json
 
     found = inspect(options.input, work_progress)
-    console.print(key_value_table(str(options.input), summary(found.seen)))
+    print_key_values(str(options.input), summary(found.seen))
     tell_skipped(found.seen.unreadable, "Cannot be read")
     for remark in found.remarks:
         console.print(f"[yellow]note:[/] {escape(remark)}", soft_wrap=True)

@@ -7,7 +7,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from sextant.cli.console import console, key_value_table, rows_table
+from sextant.cli.console import console, print_key_values, rows_table
 from sextant.config import Config
 from sextant.config.building import part_name
 from sextant.lifecycle.execute import Outcome
@@ -36,7 +36,7 @@ def show_start(
         **({"weights": says(published)} if published is not None else _training(config)),
         "run": _shorter(directory.path),
     }
-    console.print(key_value_table("Sextant", rows))
+    print_key_values("Sextant", rows)
 
 
 def _training(config: Config) -> dict[str, str]:

@@ -47,7 +47,7 @@ def _explain(problem: dict[str, Any], config: Mapping[str, Any]) -> str:
         return said if isinstance(value, Mapping | BaseModel) else f"{key}: {said}"  # a rule across keys names them
     if problem["type"] == "model_type":
         return f"{key}={_shown(value)}: must hold keys, not one value"
-    message = problem["msg"].removeprefix("Input ").replace("should be", "must be")
+    message = problem["msg"].removeprefix("Input ").removeprefix("String ").replace("should ", "must ")
     return f"{key}={_shown(value)}: {message}. {_example(key, field)}".rstrip()
 
 

@@ -81,5 +81,5 @@ class Paths(Node):
     """Where things lie."""
 
     data: str
-    outputs: str
+    outputs: str = Field(min_length=1, examples=["outputs"])
     cache: str
