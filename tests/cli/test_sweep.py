@@ -69,6 +69,15 @@ def test_a_run_that_fails_fails_both_arms(tmp_path):
     assert [(cell.arm, cell.pair) for cell in plan.cells if cell.message == "no"] == [(arm, 1) for arm in ARMS]
 
 
+def test_a_sweep_whose_plan_is_damaged_is_planned_again(tmp_path):
+    run_sweep(arguments(tmp_path), run_cells=launcher(tmp_path, []))
+    directory = find_sweep("shared", tmp_path)
+    cells = len(read_plan(directory).cells)
+    (directory / "cells.json").write_text("{")
+    run_sweep(arguments(tmp_path), run_cells=launcher(tmp_path, []))
+    assert len(read_plan(directory).cells) == cells
+
+
 @pytest.mark.parametrize(
     ("task", "reads", "says"),
     [

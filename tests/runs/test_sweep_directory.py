@@ -1,7 +1,18 @@
 import pytest
 
 from sextant.errors import UserError
+from sextant.reporter import Reporter
 from sextant.runs.sweep_directory import Cell, SweepPlan, find_sweep, read_plan
+
+
+class Hears(Reporter):
+    """Keeps what is said."""
+
+    def __init__(self):
+        self.heard = []
+
+    def say(self, text):
+        self.heard.append(text)
 
 
 def plan(name="demo", digest="d1"):
@@ -35,3 +46,16 @@ def test_a_damaged_plan_is_named(tmp_path):
     (directory / "cells.json").write_text("{")
     with pytest.raises(UserError, match=r"cells\.json is missing or damaged"):
         read_plan(directory)
+
+
+@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"cells": [{}]}'])
+def test_a_damaged_plan_is_passed_over_for_one_that_can_be_read(tmp_path, content):
+    damaged = plan(digest="d2").write(tmp_path)
+    (damaged / "cells.json").write_text(content)
+    for reference in ("demo", damaged.name):
+        with pytest.raises(UserError, match=r"cells\.json is missing or damaged"):
+            read_plan(find_sweep(reference, tmp_path))
+    directory, said = plan().write(tmp_path), Hears()
+    assert find_sweep("demo", tmp_path, said) == directory
+    assert said.heard == [f"{damaged}/cells.json is missing or damaged, and is passed over"]
+    assert plan(digest="d2").resumed(tmp_path) == plan(digest="d2")

@@ -181,6 +181,18 @@ def test_a_parent_whose_sweep_was_killed_ends_when_its_last_run_did(tmp_path):
     assert read_plan(find_sweep("s", tmp_path)).mlflow_runs == [parent]
 
 
+def test_a_damaged_sweep_keeps_no_other_from_its_parent(tmp_path):
+    made_up_run(tmp_path, 0)
+    cell = Cell({}, "run", 0, 0, "12345678", "runs/classification/12345678-s0")
+    for name in ("a", "s"):
+        SweepPlan(name, {}, [], [cell]).write(tmp_path)
+    damaged, store, said = find_sweep("a", tmp_path) / "cells.json", open_store("sqlite", None, tmp_path), Listener()
+    damaged.write_text("{")
+    assert refill(store, tmp_path, reporter=said) == 2
+    assert [run.info.run_name for run in runs_in(store) if "sextant.sweep" in run.data.tags] == ["s"]
+    assert f"{damaged} is missing or damaged, and is passed over" in said.heard
+
+
 def killed(outputs, monkeypatch, *overrides):
     """A run whose process was ended by ``kill -9``: nothing was noted."""
 

@@ -61,8 +61,10 @@ def main(arguments: Sequence[str]) -> None:
     store = open_store("sqlite", None, outputs)
     try:
         _fill(store, outputs)
-    except UserError as error:  # what is there can be looked at
-        print_mistake(error)
+    except UserError as error:
+        if not options.serve:
+            raise
+        print_mistake(error)  # what is there can be looked at
     if options.serve:
         _serve(store, outputs, port)
 

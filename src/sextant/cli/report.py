@@ -43,10 +43,11 @@ def main(arguments: Sequence[str]) -> None:
     """Write the report of a sweep into its directory and log it on its parent run."""
     quiet_libraries()
     options = ReportOptions.parse(arguments, USAGE)
+    from sextant.cli.terminal import TERMINAL
     from sextant.lifecycle.results import sweep_results
     from sextant.reports.sweep_report import write_report
 
-    results = sweep_results(options.sweep, options.outputs)
+    results = sweep_results(options.sweep, options.outputs, TERMINAL)
     paths = write_report(results)
     if options.html is not None:
         from sextant.reports.page.report_page import write_report_page

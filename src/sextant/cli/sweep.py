@@ -35,7 +35,8 @@ def main(arguments: Sequence[str]) -> None:
     given = parse_arguments([word for word in arguments[1:] if "=" in word], {"outputs": "output folder"}, USAGE)
     from sextant.runs.sweep_directory import find_sweep
 
-    verbs[verb](find_sweep(names[0], Path(given.get("outputs", default_outputs())).expanduser().absolute()))
+    outputs = Path(given.get("outputs", default_outputs())).expanduser().absolute()
+    verbs[verb](find_sweep(names[0], outputs, TERMINAL))
 
 
 def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: sweep.Launch | None = None) -> None:

@@ -14,7 +14,7 @@ from sextant.reports.results import Measured, SweepResults, read_results
 from sextant.reports.sweep_page import Progress, sweep_page
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
-from sextant.runs.sweep_directory import SweepPlan, read_plan
+from sextant.runs.sweep_directory import SweepPlan, read_plan, read_plans
 from sextant.tracking.mirror import MirroredRun, ended_at
 from sextant.tracking.refill import refill
 from sextant.tracking.store import Store
@@ -111,14 +111,14 @@ def fill_store(store: Store, outputs: Path, reporter: RunReporter) -> int:
     Returns:
         How many runs, and parents of sweeps, were made or repaired.
     """
-    for file in sorted(outputs.glob("sweeps/*/cells.json")):
+    for directory in read_plans(outputs):
         try:
-            with run_lock(outputs / "sweeps", file.parent.name, wait=False):
-                _renew(read_plan(file.parent), outputs)
+            with run_lock(outputs / "sweeps", directory.name, wait=False):
+                _renew(read_plan(directory), outputs)
         except LockedError:
             continue
         except Exception as error:  # a sweep that cannot be read must not keep the runs from the store
-            reporter.say(f"the page of {file.parent.name} could not be written: {error}")
+            reporter.say(f"the page of {directory.name} could not be written: {error}")
     return refill(store, outputs, reporter=reporter)
 
 

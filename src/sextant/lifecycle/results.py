@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sextant.lifecycle.sweep import SweepOutcome
 from sextant.recipes import recipe_of
+from sextant.reporter import SILENT, Reporter
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.sweep_directory import find_sweep
 
@@ -15,13 +16,14 @@ if TYPE_CHECKING:
 Reference = str | Path | SweepOutcome
 
 
-def sweep_results(sweep: Reference, outputs: str | Path | None = None) -> "SweepResults":
+def sweep_results(sweep: Reference, outputs: str | Path | None = None, reporter: Reporter = SILENT) -> "SweepResults":
     """What the runs of a sweep found.
 
     Args:
         sweep: its name (the newest of that name), its directory, its MLflow parent run, or what
             :func:`sextant.sweep` returned.
         outputs: output folder; the default one unless given.
+        reporter: hears of plans that are damaged and passed over in the search of the newest.
 
     Raises:
         UserError: there is no such sweep, its files are damaged, or no run is finished yet.
@@ -30,7 +32,8 @@ def sweep_results(sweep: Reference, outputs: str | Path | None = None) -> "Sweep
 
     if isinstance(sweep, SweepOutcome):
         sweep = sweep.directory
-    directory = find_sweep(str(sweep), default_outputs() if outputs is None else Path(outputs).expanduser().absolute())
+    folder = default_outputs() if outputs is None else Path(outputs).expanduser().absolute()
+    directory = find_sweep(str(sweep), folder, reporter)
     return read_results(directory, directory.parents[1], lambda task: recipe_of(task).measured)
 
 

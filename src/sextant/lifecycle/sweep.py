@@ -19,7 +19,7 @@ from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import Planned, make_plan
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
-from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
+from sextant.runs.sweep_directory import Cell, SweepPlan
 
 if TYPE_CHECKING:
     from sextant.lifecycle.parent_page import ParentPage
@@ -117,9 +117,7 @@ def _run_planned(
     plan: SweepPlan, planned: list[Planned], config: Config, outputs: Path, run_cells: Launch, reporter: RunReporter
 ) -> tuple[SweepPlan, set[str]]:
     """The plan as it ended, and the runs that were left to a cluster."""
-    if (plan.directory(outputs) / "cells.json").exists():  # begun before: it keeps its parent run
-        before = read_plan(plan.directory(outputs))
-        plan = replace(plan, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
+    plan = plan.resumed(outputs)
     plan.write(outputs)
     missing = missing_cells(planned, outputs)
     reporter.planned(plan, len({cell.run for cell in plan.cells}) - len(missing))

@@ -2,13 +2,13 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
+from sextant.reporter import SILENT, Reporter
 from sextant.runs.outputs_folder import conf_dir
 
 
@@ -90,6 +90,14 @@ class SweepPlan:
         write_json(directory / "cells.json", asdict(self))
         return directory
 
+    def resumed(self, outputs: Path) -> "SweepPlan":
+        """This plan with the parent run and times of the one that lies in its directory, if that can be read."""
+        try:
+            before = read_plan(self.directory(outputs))
+        except UserError:  # not begun before, or damaged: the directory's name says that it is of this plan
+            return self
+        return replace(self, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
+
 
 def read_plan(directory: Path) -> SweepPlan:
     """The plan in a sweep's directory.
@@ -98,15 +106,32 @@ def read_plan(directory: Path) -> SweepPlan:
         UserError: there is none, or it is damaged.
     """
     found = read_json(directory / "cells.json")
-    if not isinstance(found, Mapping):
+    try:
+        return SweepPlan(**{**found, "cells": [Cell(**cell) for cell in found["cells"]]})
+    except (TypeError, KeyError):
         raise UserError(
             f"{directory}/cells.json is missing or damaged", "Run the sweep again: what is finished is kept."
-        )
-    return SweepPlan(**{**found, "cells": [Cell(**cell) for cell in found["cells"]]})
+        ) from None
 
 
-def find_sweep(reference: str, outputs: Path) -> Path:
+def read_plans(outputs: Path, reporter: Reporter = SILENT) -> dict[Path, SweepPlan]:
+    """The plans of all sweeps by their directories; the reporter hears of those that are damaged and passed over."""
+    found: dict[Path, SweepPlan] = {}
+    for directory in sorted(file.parent for file in outputs.glob("sweeps/*/cells.json")):
+        try:
+            found[directory] = read_plan(directory)
+        except UserError as error:
+            reporter.say(f"{error.problem}, and is passed over")
+    return found
+
+
+def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Path:
     """The directory of a sweep given by its name (the newest of that name), directory, or MLflow parent run.
+
+    Args:
+        reference: to the sweep.
+        outputs: output folder.
+        reporter: hears of plans that are damaged and passed over, as any of them may be of that name.
 
     Raises:
         UserError: there is no such sweep, or it has not run; lists those that have.
@@ -114,14 +139,15 @@ def find_sweep(reference: str, outputs: Path) -> Path:
     path = Path(reference).expanduser()
     if (path / "cells.json").is_file():
         return path.absolute()
-    directories = [file.parent for file in outputs.glob("sweeps/*/cells.json")]
-    for directory in directories:
-        if directory.name == reference:
-            return directory
-    plans = sorted(((d, read_plan(d)) for d in directories), key=lambda found: found[1].started, reverse=True)
+    if (outputs / "sweeps" / reference / "cells.json").is_file():
+        return outputs / "sweeps" / reference
+    plans = sorted(read_plans(outputs, reporter).items(), key=lambda found: found[1].started, reverse=True)
     for directory, plan in plans:
         if reference == plan.name or reference in plan.mlflow_runs:
             return directory
+    for file in outputs.glob("sweeps/*/cells.json"):
+        if file.parent.name.rpartition("-")[0] == reference:  # damaged, which is told when it is read
+            return file.parent
     if (conf_dir() / "sweep" / f"{reference}.yaml").is_file():
         raise UserError(
             f"sweep={reference} has not run here: nothing of it lies in {outputs}",

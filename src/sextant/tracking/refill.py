@@ -21,7 +21,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
         outputs: output folder with the run directories.
         all_of_them: false looks only at runs and sweeps that log to this store, and of these only at what it did not
             get, unless it lost its database.
-        reporter: hears of each run that is sent, and of what the store refuses.
+        reporter: hears of each run that is sent, of what the store refuses, and of sweeps that cannot be read.
 
     Returns:
         How many runs, and parents of sweeps, were made or repaired.
@@ -43,7 +43,7 @@ def refill(store: Store, outputs: Path, *, all_of_them: bool = True, reporter: R
             changed.append(directory)
         elif repaired is False:
             refused.append(f"{directory.path.parent.name}/{directory.path.name}")
-    parents = refill_parents(store, outputs, changed, all_of_them=all_of_them)
+    parents = refill_parents(store, outputs, changed, all_of_them=all_of_them, reporter=reporter)
     if refused:
         raise UserError(f"the tracking store {store.uri} did not take {', '.join(refused)}", "Its message is above.")
     return len(changed) + parents

@@ -8,9 +8,10 @@ from types import MappingProxyType
 from urllib.parse import urlencode
 
 from sextant.atomic_files import read_json
+from sextant.reporter import SILENT, Reporter
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import LockedError, run_lock
-from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
+from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan, read_plans
 from sextant.tracking.mirror import PARENT, MirroredRun, Status, clean_params, ended_at, known_run, milliseconds
 from sextant.tracking.store import Kind, Store, open_store, require_server, telling_store_errors
 
@@ -130,7 +131,12 @@ def log_report(outputs: Path, plan: SweepPlan, report: Path) -> None:
 
 
 def refill_parents(
-    store: Store, outputs: Path, changed: Sequence[RunDirectory] = (), *, all_of_them: bool = True
+    store: Store,
+    outputs: Path,
+    changed: Sequence[RunDirectory] = (),
+    *,
+    all_of_them: bool = True,
+    reporter: Reporter = SILENT,
 ) -> int:
     """Make the parent runs that a store lacks, end those that nothing runs, send their pages, and tie cells to them.
 
@@ -139,14 +145,14 @@ def refill_parents(
         outputs: output folder with the sweeps.
         changed: run directories whose MLflow runs may have been made anew.
         all_of_them: false looks only at sweeps that log to this store and have had a parent in it.
+        reporter: hears of sweeps that cannot be read.
 
     Returns:
         How many were made, ended or brought up to date.
     """
     repaired = 0
-    for directory in sorted((file.parent for file in outputs.glob("sweeps/*/cells.json")), key=_first_begun):
-        tracking = read_plan(directory).tracking
-        if not (all_of_them or store.is_at(tracking.get("kind"), tracking.get("uri"))):
+    for directory, found in sorted(read_plans(outputs, reporter).items(), key=_first_begun):
+        if not (all_of_them or store.is_at(found.tracking.get("kind"), found.tracking.get("uri"))):
             continue
         try:
             with run_lock(outputs / "sweeps", directory.name, wait=False):
@@ -158,9 +164,9 @@ def refill_parents(
     return repaired
 
 
-def _first_begun(directory: Path) -> tuple[float, str]:
-    """Orders sweeps: a run that several share is a child of the first, and is named by the last."""
-    plan = read_plan(directory)
+def _first_begun(sweep: tuple[Path, SweepPlan]) -> tuple[float, str]:
+    """Orders sweeps: a run that several share is a child of the first, which names it."""
+    directory, plan = sweep
     return plan.began or plan.started, directory.name
 
 

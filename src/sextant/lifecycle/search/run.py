@@ -27,7 +27,7 @@ from sextant.lifecycle.sweep import Launch, SweepOutcome, cell_outcome, missing_
 from sextant.lifecycle.sweep_plan import Planned
 from sextant.runs.directory import RunDirectory
 from sextant.runs.locks import run_lock
-from sextant.runs.sweep_directory import SweepPlan, read_plan
+from sextant.runs.sweep_directory import SweepPlan
 
 if TYPE_CHECKING:
     from sextant.lifecycle.search.study import Asked, Study
@@ -115,11 +115,7 @@ class _Search:
         self.study, self.run_cells, self.reporter = study, run_cells, reporter
         self.started: set[str] = set()
         self.table = Table(design, outputs)
-        self.plan = _plan(design, config)
-        folder = self.plan.directory(outputs)
-        if (folder / "cells.json").exists():  # begun before: it keeps its parent run
-            before = read_plan(folder)
-            self.plan = replace(self.plan, mlflow_runs=before.mlflow_runs, began=before.began, ended=before.ended)
+        self.plan = _plan(design, config).resumed(outputs)
         self.told: set[int] = set()
         for asked in study.trials():
             self._add(asked)
