@@ -31,6 +31,17 @@ def test_portrait_and_landscape_photos_of_one_camera_agree(tmp_path):
     assert summary["chi_square"] == pytest.approx(0, abs=1e-4)
 
 
+def test_copies_of_a_photo_count_once(tmp_path, capsys):
+    paths = [photo(tmp_path / f"{g}.png", grey=g) for g in (69, 71)]
+    once = calibrate(paths, tmp_path / "once", camera="one")
+    copies = [photo(tmp_path / f"copy {i}.png", grey=71) for i in range(4)]
+    rows = calibrate([*paths, *copies], tmp_path / "out", camera="one")
+    assert [row["intervals"]["95"]["focal_px"] for row in rows] == [once[0]["intervals"]["95"]["focal_px"]] * 6
+    summary = json.loads((tmp_path / "out" / "calibrations.json").read_text())["camera"]
+    assert summary["kept"] == [str(path) for path in paths]
+    assert "copy 3.png: a copy of" in capsys.readouterr().out
+
+
 def test_one_photo_of_another_camera_is_left_out_and_named(tmp_path, capsys):
     paths = [photo(tmp_path / f"{i}.png", grey=g) for i, g in enumerate((69, 70, 130, 71))]
     rows = calibrate(paths, tmp_path / "out", camera="one")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,30 +68,46 @@ def fuse_as_one_camera(
 ) -> tuple[list[Finding], Fusion, tuple[str, ...]]:
     """The findings with the focal length and distortion of all, where they agree; the fusion, and doubts about it.
 
+    Copies of one photo count once.
+
     Raises:
         UserError: the photos cannot be of one camera, or the network gives no intervals.
     """
     _check_one_camera(findings, focal_prior)
-    values, sigmas = (np.stack(column) for column in zip(*map(estimate, findings), strict=True))
+    firsts = _firsts(findings)
+    distinct = {i: findings[i] for i in firsts}
+    values, sigmas = (np.stack(column) for column in zip(*map(estimate, distinct.values()), strict=True))
     if not np.isfinite(sigmas).any(0).all():
         raise UserError(
             "the network gives no intervals, without which photos of one camera cannot be fused",
             "Calibrate each photo by itself.",
         )
-    correlation = max(CORRELATION, float(np.mean([shared(finding) for finding in findings])))
-    fusion, doubts = _with_priors(fuse(values, sigmas, correlation=correlation), findings, focal_prior)
+    correlation = max(CORRELATION, float(np.mean([shared(finding) for finding in distinct.values()])))
+    fusion, doubts = _with_priors(fuse(values, sigmas, correlation=correlation), [*distinct.values()], focal_prior)
     if not fusion.consistent:
         doubts.append(
             f"the photos disagree more than their intervals allow (p = {fusion.p_value:.2g}): are they of one camera?"
         )
     basis = f"fused over {int(fusion.kept.sum())} photos, normal"
+    kept = dict(zip(distinct, fusion.kept, strict=True))
     fused = [
         adopt(finding, fusion, basis).doubted(1, *doubts)
-        if kept
+        if kept[first]
         else finding.doubted(1, "left out of the fusion: it disagrees with the other photos")
-        for finding, kept in zip(findings, fusion.kept, strict=True)
+        for finding, first in zip(findings, firsts, strict=True)
     ]
-    return fused, fusion, tuple(doubts)
+    for i, first in enumerate(firsts):
+        if i != first:
+            fused[i] = fused[i].doubted(0, f"a copy of {findings[first].name}: the two count as one photo")
+    used = np.array([i == first and kept[first] for i, first in enumerate(firsts)])
+    return fused, replace(fusion, kept=used), tuple(doubts)
+
+
+def _firsts(findings: Sequence[Finding]) -> list[int]:
+    """Of each photo the number of the first one with its picture: its own, unless it is a copy."""
+    numbers: dict[tuple[int, int, bytes], int] = {}
+    pictures = ((each.photo.width, each.photo.height, each.view.image.tobytes()) for each in findings)
+    return [numbers.setdefault(picture, i) for i, picture in enumerate(pictures)]
 
 
 def _with_priors(fusion: Fusion, findings: Sequence[Finding], focal_prior: FocalPrior) -> tuple[Fusion, list[str]]:
