@@ -37,6 +37,8 @@ class WalkOptions(LocalizingOptions, FocalOptions):
     """of the straightened images; 120 unless given"""
     vfov_deg: float | None = Field(None, examples=[55])
     """vertical field of view of these; the largest that both cameras cover unless given"""
+    skip_bad: bool = Field(False, examples=["true"])
+    """true: leave out images of the map at the very pose of another, which are a mistake otherwise"""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -69,6 +69,16 @@ def test_gps_in_the_images_will_do(images):
     np.testing.assert_allclose(posed_images(images).poses[:, 0], 3.0 * np.arange(COUNT), atol=0.01)
 
 
+def test_images_at_the_very_pose_of_another_are_left_out_if_that_is_asked_for(images):
+    rows = [f"{name},1,2,3" for name in NAMES]
+    (images / "images" / "poses.csv").write_text("\n".join(["file,x,y,heading", *rows]))
+    with pytest.raises(UserError, match="skip_bad=true"):
+        posed_images(images)
+    found = posed_images(images, skip_bad=True)
+    assert len(found.paths) == 1
+    assert f"left out {NAMES[1]} = {NAMES[0]}" in found.remarks
+
+
 def test_positions_without_headings_are_no_poses(images):
     rows = [f"{name},{x},{y}" for name, (x, y, _) in zip(NAMES, POSES, strict=True)]
     (images / "images" / "poses.csv").write_text("\n".join(["file,x,y", *rows]))

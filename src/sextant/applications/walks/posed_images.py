@@ -30,7 +30,7 @@ class PosedImages:
     remarks: tuple[str, ...]
 
 
-def posed_images(folder: Path | str) -> PosedImages:
+def posed_images(folder: Path | str, *, skip_bad: bool = False) -> PosedImages:
     """Images below a folder with poses of TUM, KITTI, COLMAP, OpenSfM, nerfstudio, a table, or GPS in EXIF.
 
     Of the files of poses below the folder, the one with poses of the most images is used. Poses in space are brought to
@@ -38,6 +38,7 @@ def posed_images(folder: Path | str) -> PosedImages:
 
     Args:
         folder: with images and one such file.
+        skip_bad: leave out images at the very pose of another, which are a mistake otherwise.
 
     Raises:
         UserError: there are no images, no poses of them, or the ground of the poses is no plane of two axes.
@@ -56,8 +57,7 @@ def posed_images(folder: Path | str) -> PosedImages:
     usable = [each for each in tables if each.posed and not problems[each.file]]
     best = max(usable, key=lambda each: each.posed, default=None)
     try:
-        source = PoseFolder(str(folder), ".", poses="gps") if best is None else _source(folder, best)
-        paths, poses, notes = source.mapped_images()
+        paths, poses, notes = _source(folder, best, skip_bad).mapped_images()
     except UserError as error:
         if best is not None:
             raise
@@ -76,7 +76,9 @@ def _problem(found: FoundPoses) -> str:
     return found.problem or ("" if found.headings else "has positions, but no headings")
 
 
-def _source(folder: Path, best: FoundPoses) -> PoseFolder:
+def _source(folder: Path, best: FoundPoses | None, skip_bad: bool) -> PoseFolder:
+    if best is None:
+        return PoseFolder(str(folder), ".", poses="gps", skip_bad=skip_bad)
     assert best.format != "cold"
     ground = axes(best)
     if ground is None:
@@ -86,4 +88,7 @@ def _source(folder: Path, best: FoundPoses) -> PoseFolder:
         )
     images = folder / (best.images or ".")
     file = (folder / best.file).resolve()
-    return PoseFolder(str(images), ".", poses=best.format, pose_file=str(file), times=None, max_gap_s=None, **ground)  # type: ignore[arg-type]
+    return PoseFolder(
+        str(images), ".", poses=best.format, pose_file=str(file), times=None, max_gap_s=None, skip_bad=skip_bad,
+        **ground,  # type: ignore[arg-type]
+    )  # fmt: skip

@@ -46,6 +46,7 @@ def localize_walk(
     photos: int = 40,
     rows: int | None = None,
     vfov_deg: float | None = None,
+    skip_bad: bool = False,
     focal_prior: FocalPrior = None,
     odometry: Path | None = None,
     every: int = 1,
@@ -76,6 +77,8 @@ def localize_walk(
         rows: of the straightened images, 120 unless given; not of a saved map, which has its own.
         vfov_deg: vertical field of view of these; the largest that both cameras cover unless given. Not of a saved map
             that has its own.
+        skip_bad: leave out images of the map at the very pose of another, which are a mistake otherwise; not of a saved
+            map.
         focal_prior: of the walk's camera, as for :meth:`~sextant.PhotoCalibrator.one_camera`.
         odometry: as for ``sextant predict``; without it, motion is unknown.
         every: of a video or bag, one of so many images.
@@ -99,11 +102,11 @@ def localize_walk(
     check_view(120 if rows is None else rows, vfov_deg)
     output, calibrator = Path(output), calibrator or PhotoCalibrator.load()
     saved = find_map(map, default_outputs())
-    mapped = posed_images(map) if saved is None else None
+    mapped = posed_images(map, skip_bad=skip_bad) if saved is None else None
     if saved is None:
         check_descriptor(descriptor)
     else:
-        _check_saved(map, descriptor=descriptor, rows=rows)
+        _check_saved(map, descriptor=descriptor, rows=rows, skip_bad=skip_bad or None)
     drive = open_drive(
         str(input), odometry, output, image_topic=image_topic, odometry_topic=odometry_topic, every=every
     )
