@@ -35,7 +35,7 @@ def sweep_of(folder, arms, **definition):
             directory = RunDirectory(folder / "runs" / "localization" / f"{arm}-{pair}")
             cells.append(Cell({}, arm, pair, pair, arm, directory.path.relative_to(folder).as_posix()))
             directory.path.mkdir(parents=True)
-            np.savez_compressed(directory.arrays, **{f"success/{name}": np.ones(4) for name in CONDITIONS})
+            np.savez_compressed(directory.arrays, **{f"success/{name}": np.arange(4) % 2 for name in CONDITIONS})
             results = {"outcome": outcome, "metrics": metrics, "parameters": 5, "timing": {"fit_s": 1.0}}
             write_json(directory.metrics, results)
     return sweep_results(SweepPlan("made_up", definition, [], cells).write(folder))

@@ -238,3 +238,34 @@ def test_runs_of_calibration_are_compared_by_median_errors(tmp_path):
     text = (directory / "report" / "report.md").read_text()
     assert "Median errors on the test split" in text
     assert "lower is better" in text
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda arrays: arrays.unlink(), "cannot be read"),
+        (lambda arrays: arrays.write_bytes(b""), "cannot be read"),
+        (lambda arrays: arrays.write_bytes(arrays.read_bytes()[:300]), "cannot be read"),
+        (lambda arrays: arrays.write_bytes(arrays.read_bytes()[:60] + bytes(20) + arrays.read_bytes()[80:]), "cannot"),
+        (
+            lambda arrays: np.savez_compressed(arrays, labels=np.zeros(4), clean=np.array([0, 0, 1, 1])),
+            r"gives test/accuracy/clean=0\.5, metrics\.json says 0\.75",
+        ),
+    ],
+)
+def test_arrays_that_are_not_those_of_their_run_are_refused(tmp_path, damage, told):
+    cells = []
+    for pair in range(2):
+        run = RunDirectory(tmp_path / "runs" / "classification" / f"a-{pair}")
+        run.path.mkdir(parents=True)
+        np.savez_compressed(run.arrays, labels=np.zeros(4), clean=np.array([0, 0, 0, 1]))
+        metrics = {"test/accuracy/clean": 0.75}
+        write_json(run.metrics, {"outcome": "finished", "metrics": metrics, "parameters": 1, "timing": {"fit_s": 1.0}})
+        cells.append(Cell({}, "a", pair, pair, "a", f"runs/classification/a-{pair}"))
+    directory = SweepPlan("s", {}, [], cells).write(tmp_path)
+    assert [row.mean for row in summarise(sweep_results(directory))] == [75.0]
+    damage(run.arrays)
+    with pytest.raises(UserError, match=told) as caught:
+        sweep_results(directory)
+    assert str(run.arrays) in caught.value.problem
+    assert caught.value.fix == f"Delete {run.path} and run the sweep again."

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -166,11 +166,13 @@ class RunValues:
         measure: what the values are.
         by_condition: the value of each test image under each condition of the report.
         errors: by corruption and severity, of a run under a published set.
+        metrics: what follows from the arrays for the run's ``metrics.json``, which tells whether they are its own.
     """
 
     measure: Measure
     by_condition: dict[str, Images]
     errors: CorruptionErrors | None = None
+    metrics: Mapping[str, float] = field(default_factory=dict)
 
 
 def require_answers(arrays: Mapping[str, ndarray], reads: str) -> None:
@@ -200,41 +202,50 @@ def classified(arrays: Mapping[str, ndarray], shared: SharedSet | None = None) -
     """
     if shared is None:
         right = {key: 100.0 * (arrays[key] == arrays["labels"]) for key in arrays if key != "labels"}
-        return RunValues(ACCURACY, right)
+        return RunValues(ACCURACY, right, metrics=_accuracies(right))
     wrong = {key: np.asarray(arrays[key] != arrays["labels"]) for key in shared.keys}
     values = {"clean": 100.0 * wrong["clean"]}
     for title, names in summary_conditions(shared).items():
         values[title] = 100.0 * np.mean([_over_severities(wrong, shared, name) for name in names], axis=0)
     errors = CorruptionErrors.of_conditions({key: float(images.mean()) for key, images in wrong.items()})
-    return RunValues(CORRUPTION_ERROR, values, errors)
+    return RunValues(
+        CORRUPTION_ERROR, values, errors, _accuracies({key: 100.0 * ~images for key, images in wrong.items()})
+    )
 
 
 def calibrated(arrays: Mapping[str, ndarray]) -> RunValues:
     """Errors of the network, each quantity a condition."""
-    return RunValues(CALIBRATION, {title: arrays[f"{key}/network"] for key, title in CALIBRATION_ERRORS.items()})
+    found = {key: arrays[f"{key}/network"] for key in CALIBRATION_ERRORS}
+    medians = {f"test/{key}/network": median_error(errors) for key, errors in found.items()}
+    return RunValues(CALIBRATION, {CALIBRATION_ERRORS[key]: found[key] for key in found}, metrics=medians)
 
 
 def places_found(arrays: Mapping[str, ndarray]) -> RunValues:
     """Recall of the network under each condition of the queries, sequences apart."""
+    from sextant.tasks.places.report import logged_name
+
     found = {key: key.removesuffix(FOUND_LAST) for key in arrays if key.endswith(FOUND_LAST)}
+    recalls = {logged_name(name): float(arrays[key].mean()) for key, name in found.items()}
     single = {key: name for key, name in found.items() if not name.startswith(f"{FOUND_FIRST}sequence")}
-    return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()})
+    return RunValues(RECALL, {name: 100.0 * arrays[key] for key, name in single.items()}, metrics=recalls)
 
 
 def localized(arrays: Mapping[str, ndarray]) -> RunValues:
     """Success: each *image* is one of the runs along the test drives, and the conditions are the trials."""
-    trials = [key for key in arrays if key.startswith(LOCALIZED)]
-    return RunValues(SUCCESS, {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in trials})
+    found = {key.removeprefix(LOCALIZED): 100.0 * arrays[key] for key in arrays if key.startswith(LOCALIZED)}
+    success = {"test/success": float(np.mean([runs.mean() for runs in found.values()])) / 100} if found else {}
+    return RunValues(SUCCESS, found, metrics=success)
 
 
 def recognised(arrays: Mapping[str, ndarray], reads: str | None = None) -> RunValues:
     """Accuracy of each method, or of the method that is ``read`` under each condition of the test."""
     answers = {key.removeprefix(ANSWERS): arrays[key] for key in arrays if key.startswith(ANSWERS)}
     right = {method: 100.0 * (found == arrays["labels"]) for method, found in answers.items()}
-    if reads is None:
-        return RunValues(RECOGNITION, right)
-    under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
-    return RunValues(RECOGNITION, {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]})
+    values = right
+    if reads is not None:
+        under = {key.removeprefix(UNDER): arrays[key] for key in arrays if key.startswith(UNDER)}
+        values = {name: right[reads][rows] for name, rows in under.items()} or {"test": right[reads]}
+    return RunValues(RECOGNITION, values, metrics=_accuracies(right))
 
 
 def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
@@ -244,6 +255,11 @@ def summary_conditions(shared: SharedSet) -> dict[str, tuple[str, ...]]:
     if set(BENCHMARK_15) < set(everything):
         conditions["benchmark 15"] = BENCHMARK_15
     return conditions
+
+
+def _accuracies(right: Mapping[str, Images]) -> dict[str, float]:
+    """As metrics, from 0 or 100 for each image."""
+    return {f"test/accuracy/{name}": float(images.mean()) / 100 for name, images in right.items()}
 
 
 def _over_severities(wrong: Mapping[str, Bool[ndarray, "images"]], shared: SharedSet, name: str) -> Images:

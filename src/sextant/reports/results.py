@@ -1,5 +1,8 @@
 """What the runs of a sweep found."""
 
+import math
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +21,8 @@ from sextant.runs.sweep_directory import Cell, SweepPlan, read_plan
 
 Outcome = Literal["finished", "diverged", "failed", "missing"]
 Content = TypeVar("Content")
+#: by how much a metric may differ from what the arrays say, relative to itself: it was a sum of float32
+ROUNDING = 1e-4
 
 
 class Measured(Protocol):
@@ -146,7 +151,7 @@ def _load(
     if results is None:
         failure = cell.message or run.state().get("failure")
         return CellResult(cell, "failed" if failure and failure != "interrupted" else "missing", {})
-    if not run.arrays.exists():  # stopped by a nan, and kept as what it is
+    if results["outcome"] == "diverged" and not run.arrays.exists():  # stopped by a nan, and kept as what it is
         return CellResult(cell, results["outcome"], {})
     values_of = measured(run.path.parent.name)  # runs/<task>/<run>
 
@@ -156,6 +161,7 @@ def _load(
         return values_of(arrays, shared, reads)
 
     found = _from_arrays(run, values)
+    _require_own(run, found.metrics, results.get("metrics") or {})
     seconds = results["timing"]["fit_s"]  # JSON has no nan
     return CellResult(
         cell,
@@ -174,7 +180,19 @@ def _from_arrays(run: RunDirectory, read: Callable[[Mapping[str, ndarray]], Cont
     try:
         with np.load(run.arrays, allow_pickle=False) as arrays:
             return read(arrays)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(
             f"{run.arrays} cannot be read: {error}", f"Delete {run.path} and run the sweep again."
         ) from None
+
+
+def _require_own(run: RunDirectory, found: Mapping[str, float], told: Mapping[str, Any]) -> None:
+    """Raise a ``UserError`` where the arrays of a run say something else than its metrics."""
+    for name, value in found.items():
+        said = told.get(name)
+        if said is not None and not math.isclose(value, said, rel_tol=ROUNDING, abs_tol=1e-6):
+            raise UserError(
+                f"{run.arrays} is not what the run was tested on: it gives {name}={value:.6g}, "
+                f"{run.metrics.name} says {said:.6g}",
+                f"Delete {run.path} and run the sweep again.",
+            )
