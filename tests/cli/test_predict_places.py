@@ -136,14 +136,17 @@ def test_the_mean_of_a_ride_is_taken_away(rides, tmp_path, centring):
 
 def test_it_says_how_baselines_are_tested_on_the_same_folders(trained, tmp_path, capsys):
     root, run = trained
-    given = [f"map={root}/test/day", f"queries={root}/test/night", f"output={tmp_path / 'out'}", "places=order"]
+    rides = tmp_path / "two, rides"
+    shutil.copytree(root / "test", rides)
+    given = [f"map={rides}/day", f"queries={rides}/night", f"output={tmp_path / 'out'}", "places=order"]
     predict.main([f"run={run.path}", *given])
+    said = capsys.readouterr().out.splitlines()
     told = json.loads((tmp_path / "out" / "matches.json").read_text())
     (remark,) = [remark for remark in told["remarks"] if remark.startswith("beside training-free descriptors: ")]
+    assert remark in said  # on one line, to be copied
     sextant, command, *words = shlex.split(remark.partition(": ")[2])
     assert (sextant, command) == ("sextant", "evaluate")
-    capsys.readouterr()
-    evaluate.main([*words, "tracking=none", f"paths.outputs={root / 'outputs'}", "task.baselines=true"])
+    evaluate.main([*words, "tracking=none", f"paths.outputs={root / 'outputs'}"])
     said = capsys.readouterr().out
     assert all(method in said for method in ("pixels", "patch-normalised", "whitened PCA"))
     (ours,) = [line for line in said.splitlines() if " network " in line and "untrained" not in line]

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sextant.applications.inspection.suggestion import overrides_of
 from sextant.applications.places.describing import LARGEST_STRETCH, DescribedPhotos
 from sextant.applications.places.gallery_pages import write_gallery
 from sextant.applications.places.image_pairs import write_row_pairs
@@ -150,10 +151,11 @@ def _comparison(places: PlaceMap, inputs: PlaceInputs, known: KnownPlaces, run: 
     """The command that tests network and baselines on the same two folders."""
     chosen, size = known.tolerance, places.size
     heading = "null" if chosen.heading_deg is None else f"{chosen.heading_deg:g}"
+    described = {"map": places.described.photos, "queries": inputs.queries}
+    folders = overrides_of({name: photos.folder.absolute() for name, photos in described.items()})
     words = [
         *("sextant", "evaluate", f"run={run['run']}", "dataset=place_folders", "dataset.folder=."),
-        f"dataset.test={{map: {places.described.photos.folder.absolute()}, "
-        f"queries: {inputs.queries.folder.absolute()}}}",
+        *(f"dataset.test={folders}", "dataset.skip_bad=true", "task.baselines=true"),
         *(f"dataset.{key}={getattr(size, key)}" for key in ("height", "width", "channels")),
         f"dataset.places={inputs.options.places}",
         f"task.test_tolerance.{chosen.unit}={{positive: {chosen.positive:g}, negative: {chosen.negative:g}, "

@@ -35,7 +35,7 @@ def tell(
     for key, photos in described.items():
         tell_skipped(photos.failed, f"Skipped of {key}")
     for remark in remarks:
-        console.print(f"[dim]{escape(remark)}[/]")
+        console.print(f"[dim]{escape(remark)}[/]", soft_wrap=True)
     if "right" in counted:
         console.print(_truth(counted))
     done = f"{len(good):,} queries looked up among {len(described['map'].index):,} map images"
