@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import struct
 
 import cv2
@@ -187,6 +188,16 @@ def _no_ground(folder):
         WRITERS["opensfm"][1](folder / drive / "reconstruction.json", names(), some_poses(N))
 
 
+def _walk(folder):
+    """A drive with poses, one without, and a video."""
+    drives(folder, "csv")
+    (folder / "map").rename(folder / "summer")
+    shutil.rmtree(folder / "evening run")
+    write_pictures(folder / "winter" / "images", names(), first=30)
+    _video(folder)
+    (folder / "walk.avi").rename(folder / "again.avi")
+
+
 def _one_drive(folder):
     write_pictures(folder, names())
     WRITERS["nerfstudio"][1](folder / "transforms.json", names(), some_poses(N))
@@ -328,6 +339,9 @@ FOLDERS = {
     "a model that was cut": (_cut_colmap, ["images.bin (colmap): is truncated, or no file of COLMAP (200 bytes)"]),
     "a world without ground": (_no_ground, ["no two axes of the world are the ground"]),
     "one drive alone": (_one_drive, ["a second one through the same places is needed"]),
+    "a drive without poses": (
+        _walk, ["/winter/images map=", "/summer output=walk/winter/images", "/summer every=10 output=walk/again"]
+    ),
     "broken files": (
         _broken_files,
         ["cut.jpg: is truncated", "cut.png: is truncated", "empty.jpg: is empty (0 bytes)", "words.jpg: is no picture",

@@ -27,6 +27,7 @@ LEVEL = 0.7
 
 def localization(seen: Seen) -> Iterator[Suggestion]:
     """Localization in a map of the user's own, and in one of a run for a video."""
+    yield from _walks(seen)
     yield from _of_poses(seen)
     streams = [seen.folder / each.name for each in seen.videos] + [seen.folder / bag for bag in seen.files.recordings]
     if streams:
@@ -40,22 +41,58 @@ def localization(seen: Seen) -> Iterator[Suggestion]:
         )
 
 
+def _usable(seen: Seen) -> Iterator[tuple[FoundPoses, PoseFormat, Path]]:
+    """The poses of all images of a folder, with their format and the folder."""
+    for each in seen.poses:
+        whole = each.posed and not each.unposed and not each.problem and each.headings
+        if whole and each.images is not None and each.format != "cold":
+            yield each, each.format, each.images
+
+
+def _walks(seen: Seen) -> Iterator[Suggestion]:
+    """Images without poses beside a folder of images with a file of poses."""
+    usable = [each for each in _usable(seen) if each[1] != "gps"]
+    homes = {Path(os.path.commonpath([poses.file.parent, images])): poses for poses, _, images in usable}
+    maps = [home for home, poses in homes.items() if home.name and axes(poses) is not None]
+    if not maps:
+        return
+    home = min(maps, key=lambda each: not each.name.lower().startswith(MAPS))
+    posed = [*homes, *(images for _, form, images in _usable(seen) if form == "gps")]
+    folders = [each.folder for each in seen.folders]
+    streams = {Path(each.name): {"every": 10} for each in seen.videos}
+    found = {
+        each: streams.get(each, {})
+        for each in (*folders, *streams)
+        if each.is_relative_to(home.parent)
+        and not any(each.is_relative_to(other) or other.is_relative_to(each) for other in posed)
+    }
+    if found:
+        yield Suggestion(
+            "localize images without poses in a map of your own",
+            f"{homes[home].file.as_posix()} has the poses of {home.as_posix()}; the cameras of both are found, if each "
+            "is one with one zoom",
+            tuple(
+                command("walk", input=seen.folder / each, map=seen.folder / home, **more,
+                        output=Path("walk", each.parent, each.stem))
+                for each, more in list(found.items())[:MOST_STREAMS]
+            ),
+        )  # fmt: skip
+
+
 def _of_poses(seen: Seen) -> Iterator[Suggestion]:
     """The drives whose images all have poses of one format."""
-    usable = [each for each in seen.poses if each.posed and not each.unposed and not each.problem and each.headings]
     drives: dict[tuple[PoseFormat, str], dict[Path, FoundPoses]] = {}
-    for poses in usable:
-        if poses.images is not None and poses.format != "cold":
-            file = os.path.relpath(poses.file, poses.images)
-            drives.setdefault((poses.format, file), {}).setdefault(poses.images, poses)
+    for poses, form, images in _usable(seen):
+        file = os.path.relpath(poses.file, images)
+        drives.setdefault((form, file), {}).setdefault(images, poses)
     for (form, file), all_found in drives.items():
         found = _on_one_ground(seen, all_found) if form == "gps" else all_found
         if len(found) < 2 and form != "gps":
             (poses,) = found.values()
             yield Suggestion(
                 "localize in a map of your own",
-                f"{poses.file.as_posix()} is of one drive; a second one through the same places is needed, in a folder "
-                "beside it with a file of poses of its own",
+                f"{poses.file.as_posix()} is of one drive; to train and test, a second one through the same places is "
+                "needed, in a folder beside it with a file of poses of its own; sextant walk needs no poses of it",
                 (),
             )
         if len(found) < 2:

@@ -107,7 +107,7 @@ def _places(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
     known = {} if folders.places == "none" else {"places": folders.places}
     commands = [
         command(
-            "predict", run="<run>", map=seen.folder / reference, queries=seen.folder / other,
+            "predict", run="zoo:places", map=seen.folder / reference, queries=seen.folder / other,
             output=f"matches/{other.name}", **known,
         )
         for other in others[:CAMERAS]
@@ -120,8 +120,7 @@ def _places(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
         "none": "add places=order if the i-th images show one place",
     }
     why = f"{len(others) + 1} folders, {reference.as_posix()} as the map; {said[folders.places]}"
-    trained = "the first command trains a network on a town that is rendered; <run> is the run it prints"
-    yield Suggestion("recognise places", f"{why}; {trained}", (command("train", "task=place_recognition"), *commands))
+    yield Suggestion("recognise places", f"{why}; by the network of the package", tuple(commands))
 
 
 def _classes(seen: Seen, folders: ImageFolders) -> Iterator[Suggestion]:
