@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from jaxtyping import TypeCheckError
 from scipy import stats
 
+from sextant.errors import ArgumentError
 from sextant.evaluation import mean_interval, paired_difference
 from sextant.evaluation.paired import bootstrap_t_interval, crossed_interval
 
@@ -83,7 +84,8 @@ def test_swapping_the_arms_turns_the_sign(seed, pairs, method):
     treatment, control = two_arms(seed, pairs)
     result = paired_difference(treatment, control, method=method)
     swapped = paired_difference(control, treatment, method=method)
-    assert (swapped.mean, swapped.low, swapped.high) == pytest.approx((-result.mean, -result.high, -result.low))
+    turned = (-result.mean, -result.high, -result.low)
+    assert (swapped.mean, swapped.low, swapped.high) == pytest.approx(turned, nan_ok=True)
     assert (swapped.p_value, swapped.wins) == (result.p_value, pairs - result.wins)
     lower = paired_difference(treatment, control, method=method, better="lower")
     assert (lower.mean, lower.wins) == (result.mean, swapped.wins)
@@ -218,3 +220,31 @@ def test_the_t_tests_p_belongs_to_the_interval(seed, pairs):
     result = paired_difference(treatment, control)
     assert result.t_p_value == pytest.approx(stats.ttest_rel(treatment, control).pvalue)
     assert (result.t_p_value < 0.05) == (not result.low <= 0 <= result.high)
+
+
+def test_the_bootstrap_cannot_tell_from_two_seeds_that_nest_nothing():
+    assert np.isnan(bootstrap_t_interval(np.array([[1.0], [2.1]]))).all()
+    assert np.isfinite(bootstrap_t_interval(two_arms(0, 2, 50)[0])).all()
+
+
+@pytest.mark.parametrize("method", ["t", "bootstrap"])
+def test_what_differs_but_for_rounding_is_equal(method):
+    same = paired_difference(np.full(8, 0.1 + 0.2), np.full(8, 0.3), method=method)
+    assert (same.mean, same.spread, same.wins, same.p_value, same.t_p_value) == (0, 0, 0, 1, 1)
+    assert interval(same) == pytest.approx((0, 0))
+    rounded = paired_difference(np.array([0.3, 0.1 + 0.2] * 4), np.full(8, 0.3), method=method)
+    assert (rounded.mean, rounded.spread, rounded.wins, rounded.p_value, rounded.t_p_value) == (0, 0, 0, 1, 1)
+
+
+def test_ranks_that_are_tied_but_for_rounding_are_tied():
+    control = np.array([0.0, 0.2, 0.4, 0.0, 0.7])
+    treatment = control + np.array([0.1, 0.1, -0.1, 0.3, 0.1])
+    exact = paired_difference(np.array([1, 1, -1, 3, 1]), np.zeros(5))
+    assert paired_difference(treatment, control).p_value == exact.p_value
+
+
+@pytest.mark.parametrize("given", [{"method": "foo"}, {"better": "foo"}])
+def test_an_unknown_method_or_direction_is_refused(given):
+    ((name, _),) = given.items()
+    with pytest.raises((ArgumentError, TypeCheckError), match=f"{name}=foo must be one of|Type-check error"):
+        paired_difference(np.arange(4.0), np.zeros(4), **given)

@@ -131,7 +131,8 @@ def test_holding_needs_no_more_seeds_for_being_one_of_many_parts():
 
 
 def test_an_effect_at_its_border_needs_more_seeds_than_anyone_has():
-    assert further_seeds(Estimate.of_pairs(1.0, 2.0, 8), "better", 1.0) is None
+    assert further_seeds(Estimate.of_pairs(1.0, 2.0, 8), "better", 1.0) == math.inf
+    assert further_seeds(Estimate.of_pairs(1.0, math.nan, 8), "better", 0.5) is None
 
 
 @pytest.mark.parametrize(

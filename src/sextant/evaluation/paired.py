@@ -6,14 +6,19 @@ seeds are independent, the test images of one run are not.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 from scipy import stats
 
+from sextant.errors import ArgumentError
+
 Method = Literal["t", "bootstrap"]
+Better = Literal["higher", "lower"]
+#: digits of a difference, relative to the largest value, that are not rounding
+DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ def paired_difference(
     method: Method = "t",
     confidence: float = 0.95,
     seed: int = 0,
-    better: Literal["higher", "lower"] = "higher",
+    better: Better = "higher",
     largest: float = math.inf,
 ) -> PairedDifference:
     """Compare two arms pair by pair.
@@ -69,6 +74,7 @@ def paired_difference(
 
     Raises:
         ValueError: the shapes differ or there is no pair.
+        ArgumentError: there is no such method or direction.
 
     Source: Efron & Tibshirani, An introduction to the bootstrap, 1993, section 12.5 (the studentized bootstrap).
 
@@ -78,9 +84,16 @@ def paired_difference(
     """
     if treatment.shape != control.shape or len(treatment) == 0:
         raise ValueError(f"need the same pairs in both arms, at least one; got {treatment.shape} and {control.shape}")
-    difference = np.asarray(treatment, float) - np.asarray(control, float)
-    images = difference.reshape(len(difference), -1)
+    for name, value, allowed in (("method", method, get_args(Method)), ("better", better, get_args(Better))):
+        if value not in allowed:
+            raise ArgumentError(f"{name}={value} must be one of {', '.join(allowed)}")
+    values = np.asarray([treatment, control], float)
+    images = (values[0] - values[1]).reshape(len(treatment), -1)
     per_seed = images.mean(axis=1)
+    scale = np.abs(values).max(where=np.isfinite(values), initial=0.0) or 1.0
+    ranked = np.round(per_seed / scale, DIGITS)  # what is equal but for rounding is equal
+    if np.ptp(ranked) == 0:
+        per_seed = np.full_like(per_seed, per_seed.mean() if ranked.any() else 0.0)
     low, high = _t_interval(per_seed, confidence) if method == "t" else bootstrap_t_interval(images, confidence, seed)
     image_low, image_high = crossed_interval(images, confidence)
     return PairedDifference(
@@ -91,9 +104,9 @@ def paired_difference(
         high=min(high, largest),
         image_low=max(image_low, -largest),
         image_high=min(image_high, largest),
-        p_value=_wilcoxon(per_seed),
+        p_value=_wilcoxon(ranked),
         t_p_value=_t_p_value(per_seed),
-        wins=int(((per_seed > 0) if better == "higher" else (per_seed < 0)).sum()),
+        wins=int(((ranked > 0) if better == "higher" else (ranked < 0)).sum()),
     )
 
 
@@ -105,7 +118,7 @@ def bootstrap_t_interval(
     Resampled means over images are drawn as normal with the images' standard error, which the central limit theorem
     allows from some hundred images on and which saves a factor of their number; one image a seed nests nothing.
     A percentile bootstrap is not offered: with few seeds it covers less than it says (Efron & Tibshirani 1993, 12.5).
-    Fewer than two seeds give nan.
+    Fewer than two seeds give nan, as do two that nest nothing: every sample of them has their mean, or no spread.
 
     >>> low, high = bootstrap_t_interval(np.array([[1.0], [2.0], [2.0], [3.0], [2.0], [8.0]]))
     >>> f"3 [{low:.1f}, {high:.1f}]"  # further up than down, as the values do
@@ -122,9 +135,11 @@ def bootstrap_t_interval(
     drawn = per_seed[chosen] + within[chosen] * rng.standard_normal(chosen.shape)
     errors = drawn.std(axis=1, ddof=1) / np.sqrt(count)
     usable = errors > 0
-    if error == 0 or not usable.any():
+    if error == 0:
         return (float(mean), float(mean))
     t = (drawn.mean(axis=1)[usable] - mean) / errors[usable]
+    if not np.any(np.abs(t) > 1e-9):
+        return (float("nan"), float("nan"))
     upper, lower = np.quantile(t, [(1 + confidence) / 2, (1 - confidence) / 2])
     return (float(mean - upper * error), float(mean - lower * error))
 

@@ -121,7 +121,7 @@ def together(verdicts: Sequence[Verdict]) -> Verdict:
     return "holds" if verdicts and all(verdict == "holds" for verdict in verdicts) else "undecided"
 
 
-def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> int | None:
+def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: int = 1) -> float | None:
     """How many more seeds an undecided comparison needs, if mean and spread stay as they are.
 
     The smallest n whose interval clears the border that the mean is beyond, with a chance of ``POWER``:
@@ -132,11 +132,11 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
         found, expects, matters, parts: as for :func:`decide`.
 
     Returns:
-        The number; None where it is beyond ``MOST_SEEDS``, or nothing is known of the spread of enough seeds.
+        The number; infinite beyond ``MOST_SEEDS``, None where nothing is known of the spread of enough seeds.
 
     >>> found = Estimate.of_pairs(mean=2.0, spread=1.0, seeds=9)
     >>> further_seeds(found, "better", 1.5), further_seeds(found, "better", 2.0)  # a mean at the border stays undecided
-    (25, None)
+    (25, inf)
     """
     if found.seeds < 2 or math.isnan(found.error):
         return max(0, SEEDS_FOR_A_CLAIM - found.seeds) or None
@@ -153,4 +153,4 @@ def further_seeds(found: Estimate, expects: Expectation, matters: float, parts: 
             quantiles = stats.t.ppf(1 - tail, freedom) + stats.t.ppf(POWER, freedom)
             if distance > 0 and quantiles * spread / math.sqrt(seeds) <= distance:
                 return seeds - found.seeds
-    return None
+    return math.inf

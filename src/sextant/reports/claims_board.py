@@ -170,6 +170,8 @@ def seeds_told(comparison: Comparison, verdict: Verdict, parts: int) -> str:
         return str(found.seeds)
     more = further_seeds(found, comparison.expects, comparison.matters, parts)
     if more is None:
+        return f"{found.seeds}; how many more is not known"
+    if math.isinf(more):
         return f"{found.seeds}; more than {MOST_SEEDS:,} needed"
     return f"{found.seeds}; {'at least' if found.seeds < SEEDS_FOR_A_CLAIM else 'about'} {more} more needed"
 
