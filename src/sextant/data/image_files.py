@@ -1,5 +1,6 @@
 """Image files of any kind as bytes of one size."""
 
+import mimetypes
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,11 +15,22 @@ from sextant.data.upright import upright
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm", ".pgm", ".avif")
 #: what is decoded; no format whose decoder runs another program (EPS) is among them
 FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "BMP", "WEBP", "PPM", "AVIF", "GIF", "JPEG2000")
+#: pictures as sensors deliver them
+RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 SMALLEST_SIDE = 4
 
 
 class UnreadableImageError(Exception):
     """A file that cannot be decoded; says why, without its name."""
+
+
+def not_decoded(path: Path) -> str | None:
+    """Why a file of a kind that is well known is no picture here, by its name; None where the name tells nothing."""
+    if path.suffix.lower() in (".heic", ".heif", *RAW):
+        return f"is {path.suffix}, which is not decoded here: save it as JPEG"
+    if (mimetypes.guess_type(path.name)[0] or "").startswith("video/"):
+        return "is a video, no photo: save frames of it as photos, or give it to sextant walk or sextant inspect"
+    return None
 
 
 def require_sides(image: Image.Image) -> None:
@@ -68,8 +80,8 @@ def decode_image(path: Path, height: int, width: int, channels: int) -> UInt8[nd
             return picture_bytes(image, height, width, channels)
     except Exception as error:  # Pillow's decoders raise whatever they come across in a damaged file
         size = path.stat().st_size if path.is_file() else 0
-        reason = "is empty" if size == 0 else f"cannot be decoded ({size:,} bytes): {str(error).split(chr(10))[0]}"
-        raise UnreadableImageError(reason) from None
+        reason = f"cannot be decoded ({size:,} bytes): {str(error).split(chr(10))[0]}"
+        raise UnreadableImageError("is empty" if size == 0 else not_decoded(path) or reason) from None
 
 
 def picture_bytes(

@@ -123,11 +123,17 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
             read_photo(path)
 
 
-def test_a_format_of_phones_that_is_not_decoded_is_explained(tmp_path):
-    (tmp_path / "p.heic").write_bytes(b"\0\0\0\x18ftypheic" + bytes(100))
-    with pytest.raises(UserError, match="cannot be read") as raised:
-        read_photo(tmp_path / "p.heic")
-    assert "JPEG" in raised.value.fix
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("p.heic", "p.heic is .heic, which is not decoded here: save it as JPEG"),
+        ("v.mp4", "v.mp4 is a video, no photo"),
+    ],
+)
+def test_a_format_that_is_not_decoded_is_explained(tmp_path, name, says):
+    (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic" + bytes(100))
+    with pytest.raises(UserError, match=says):
+        read_photo(tmp_path / name)
 
 
 @pytest.mark.parametrize("kind", ["jpg", "png", "tif", "webp", "gif", "bmp", "jp2"])

@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from sextant.data.image_files import natural_key
+from sextant.data.image_files import RAW, natural_key, not_decoded
 from sextant.data.localization.frames import VIDEOS
 from sextant.data.localization.rosbag import FIRST, METADATA
 from sextant.data.photo_files import FOUND_IN_FOLDERS
 
-#: pictures as sensors deliver them, which no part of Sextant decodes
-RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 #: what may hold poses, or what is known of photos
 TABLES = (".txt", ".csv", ".tum", ".kitti", ".json", ".bin")
 
@@ -48,7 +46,7 @@ def found_files(path: Path) -> FoundFiles:
     kinds = (FOUND_IN_FOLDERS, VIDEOS, TABLES, RAW)
     images, videos, tables, raw = (tuple(file for file in files if file.suffix.lower() in kind) for kind in kinds)
     for file in raw:
-        unreadable[file.as_posix()] = f"is {file.suffix}, which is not decoded here: save it as JPEG"
+        unreadable[file.as_posix()] = str(not_decoded(file))
     bags = {
         file.parent if file.name == METADATA else file
         for file in files

@@ -8,7 +8,7 @@ from typing import Any
 
 from PIL import Image
 
-from sextant.data.image_files import UnreadableImageError
+from sextant.data.image_files import UnreadableImageError, not_decoded
 from sextant.data.photos.exif import EXIF_BLOCK, exif_focal_px, exif_numbers
 from sextant.data.photos.gps import GpsPosition, gps_position
 from sextant.data.photos.gravity_tags import GravityTag, gravity_tag
@@ -82,9 +82,7 @@ def _reason(path: Path, error: Exception) -> str:
     size = path.stat().st_size
     if size == 0:
         return "is empty (0 bytes)"
-    if path.suffix.lower() in (".heic", ".heif"):
-        return f"is {path.suffix.lower()}, which is not decoded here: save it as JPEG"
-    return f"is no picture that can be read ({size:,} bytes)"
+    return not_decoded(path) or f"is no picture that can be read ({size:,} bytes)"
 
 
 def _camera(exif: Image.Exif) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy import ndarray
 from PIL import Image
 
+from sextant.data.image_files import not_decoded
 from sextant.data.photos.exif import exif_focal_px, exif_numbers, was_cropped
 from sextant.data.photos.gravity_tags import apple_gravity
 from sextant.data.photos.photo import Photo
@@ -50,8 +51,8 @@ def read_photo(path: Path) -> Photo:
     except (UserError, MemoryError):
         raise
     except Exception as error:  # the decoders raise almost anything on broken files
-        problem = f"{path} cannot be read as a photo ({size:,} bytes): {error or type(error).__name__}"
-        raise UserError(problem, _hint(path)) from None
+        why = f"cannot be read as a photo ({size:,} bytes): {error or type(error).__name__}"
+        raise UserError(f"{path} {not_decoded(path) or why}", "Give another file.") from None
 
 
 def photo_of_array(image: ndarray, name: str) -> Photo:
@@ -88,12 +89,6 @@ def without_pillow_limit() -> Iterator[None]:
             yield
         finally:
             Image.MAX_IMAGE_PIXELS = limit
-
-
-def _hint(path: Path) -> str:
-    if path.suffix.lower() in (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"):
-        return f"Save it as JPEG: {path.suffix} is not decoded here."
-    return "Replace the file or take it out of the folder."
 
 
 def _decode(image: Image.Image, path: Path) -> Photo:
