@@ -2,6 +2,7 @@ import math
 import subprocess
 import sys
 import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,9 @@ def checkpoint(tmp_path_factory):
     return tiny_checkpoint(tmp_path_factory.mktemp("run") / "last.ckpt")
 
 
+tell = Fake.predict
+
+
 def noise(height=60, width=80):
     return np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
 
@@ -43,6 +47,20 @@ def test_a_file_and_its_pixels_are_one_photo(calibrator, tmp_path):
     assert from_file.row() | {"file": ""} == from_bytes.row() | {"file": ""}
     assert from_file.focal_px == pytest.approx(42, rel=1e-6)
     assert calibrator.calibrate(str(tmp_path / "a.png")) == from_file
+    assert calibrator.calibrate(Image.open(tmp_path / "a.png")).row() == from_bytes.row()
+
+
+@pytest.mark.parametrize(("wrong", "kind"), [([noise()], "list"), (None, "NoneType"), (3, "int")])
+def test_what_is_no_photo_is_refused_with_its_type(calibrator, wrong, kind):
+    with pytest.raises(UserError, match=f"the photo is of type {kind}; a photo is a file, RGB bytes"):
+        calibrator.calibrate(wrong)
+
+
+def test_what_the_network_saw_is_told_in_whole_pixels(calibrator, tmp_path, monkeypatch):
+    monkeypatch.setattr(Fake, "predict", lambda self, images, aspect: tell(self, images[..., :18, :24], aspect))
+    calibrator.network.spec = replace(calibrator.network.spec, aspects=(1.1,), width=80, height=70)
+    (said,) = [each for each in calibrator.calibrate(photo(tmp_path / "a.png")).reasons if "fewer than" in each]
+    assert "of 80x60 pixels the network saw 66x60, fewer than the 80x70" in said
 
 
 def test_what_a_run_trained_calibrates_without_its_module(checkpoint, tmp_path):
@@ -155,7 +173,7 @@ def test_photos_may_come_one_by_one_and_are_not_kept(calibrator, monkeypatch):
     assert [camera.focal_px for camera in found] == pytest.approx([0.6 * grey for grey in range(60, 70)], rel=1e-5)
 
 
-@pytest.mark.parametrize("prior", [0, -3.0, math.nan, math.inf, "EXIF"])
+@pytest.mark.parametrize("prior", [0, -3.0, True, math.nan, math.inf, "EXIF"])
 def test_a_prior_that_has_no_meaning_is_refused(calibrator, prior, tmp_path):
     for calibrate in (calibrator.calibrate_many, calibrator.one_camera):
         with pytest.raises(UserError, match=r"focal_prior=.* must be None, exif or a focal length"):

@@ -31,6 +31,14 @@ def test_what_is_written_of_a_photo(tmp_path, figures):
     assert Image.open(out / "a_undistorted.jpg").size == (160, 120)
 
 
+def test_no_straightened_photo_of_an_earlier_run_is_left(tmp_path):
+    path, out = photo(tmp_path / "a.jpg"), tmp_path / "out"
+    calibrate([path], out)
+    own = photo(out / "b_undistorted.jpg")
+    calibrate([path], out, undistort="none")
+    assert sorted(each.name for each in out.glob("*_undistorted.*")) == [own.name]
+
+
 @pytest.mark.parametrize("undistort", ["crop", "all", "none"])
 def test_the_straightened_photo_is_described(tmp_path, undistort):
     (row,) = calibrate([photo(tmp_path / "a.png", (160, 120), grey=200)], tmp_path / "out", undistort=undistort)

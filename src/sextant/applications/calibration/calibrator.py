@@ -4,8 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, get_args, overload
 
-from numpy import ndarray
-
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.inference import AnyPhoto, find_cameras
 from sextant.applications.calibration.jointly import Method, by_method
@@ -35,9 +33,9 @@ class PhotoCalibrator:
     """Calibrates photos by all there is: the network of a run of calibration, lines, and what cameras people hold.
 
     The network sees the largest centred part of a photo that has an aspect it was trained on; what it finds is given in
-    pixels of the whole upright original. Photos are files of any kind and size, turned upright by EXIF, or upright
-    arrays of RGB bytes. One photo after the other is decoded, and only the small part that the network sees is kept: so
-    many are never in memory at once, and any iterable will do.
+    pixels of the whole upright original. Photos are files of any kind and size or pictures of Pillow, turned upright by
+    EXIF, or upright arrays of RGB bytes. One photo after the other is decoded, and only the small part that the
+    network sees is kept: so many are never in memory at once, and any iterable will do.
 
     Where a focal length is known beforehand, or photos are of one camera, estimates are fused at fixed appearance: the
     apparent distortion ``k1 / f²`` and the seen offset of the horizon stay, so that k1 and tilt follow the new focal
@@ -99,14 +97,14 @@ class PhotoCalibrator:
         """The camera of a photo.
 
         Args:
-            photo: a file, or RGB bytes.
+            photo: a file, RGB bytes, or a picture of Pillow.
             focal_prior: a focal length in pixels that is known beforehand; ``exif`` for the one in the file.
             gravity_prior: ``exif`` for what the phone's accelerometer said, where the file has it.
 
         Raises:
             UserError: the photo cannot be read, or what the network predicts is no camera.
         """
-        name = "the photo" if isinstance(photo, ndarray) else str(photo)
+        name = str(photo) if isinstance(photo, Path | str) else "the photo"
         (found,) = self._each([(name, photo)], focal_prior, gravity_prior)
         if isinstance(found, FailedPhoto):
             raise found.error
@@ -141,7 +139,7 @@ class PhotoCalibrator:
         """The cameras of photos, each calibrated by itself, in their order.
 
         Args:
-            photos: files, or RGB bytes.
+            photos: files, RGB bytes, or pictures of Pillow.
             focal_prior, gravity_prior: as for :meth:`calibrate`, of all.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` has a :class:`FailedPhoto` in the
                 place of each that did.
@@ -164,7 +162,7 @@ class PhotoCalibrator:
         """The one camera of photos that were taken by one, with one lens setting.
 
         Args:
-            photos: files, or RGB bytes, upright or not, of one shape; they may be scaled.
+            photos: files, RGB bytes or pictures, upright or not, of one shape; they may be scaled.
             focal_prior: as for :meth:`calibrate`; in pixels only of photos of one size.
             gravity_prior: as for :meth:`calibrate`, of each.
             errors: ``raise`` tries all photos, then raises if some failed; ``return`` fuses the others.
@@ -204,4 +202,4 @@ class PhotoCalibrator:
 
 def _named(photos: Iterable[AnyPhoto]) -> Iterator[tuple[str, AnyPhoto]]:
     for i, photo in enumerate(photos):
-        yield f"photos[{i}]" if isinstance(photo, ndarray) else str(photo), photo
+        yield str(photo) if isinstance(photo, Path | str) else f"photos[{i}]", photo

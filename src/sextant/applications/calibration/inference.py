@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
+from PIL import Image
 from torch import Tensor
 
 from sextant.applications.calibration.finding import LEVELS, Finding
@@ -17,6 +18,8 @@ from sextant.applications.failures import FailedPhoto, attempted
 from sextant.baselines.calibration import LineEvidence
 from sextant.data.photos import NetworkView, Photo, network_view, photo_of_array, read_photo
 from sextant.data.photos.odd_pictures import check_no_panorama, closed_around, odd_picture
+from sextant.data.photos.pixels import rgb_bytes
+from sextant.data.upright import upright
 from sextant.errors import UserError
 from sextant.geometry import CameraParameters
 from sextant.tasks.calibration.network import CameraNetwork
@@ -27,7 +30,7 @@ LITTLE_SEEN = 0.6  # of the photo's area
 MAYBE_PANORAMA = (
     "it is 2:1 and closed around, as panoramas of 360 degrees are, though its edge shows too little to be sure"
 )
-AnyPhoto = Path | str | UInt8[ndarray, "h w 3"]
+AnyPhoto = Path | str | UInt8[ndarray, "h w 3"] | Image.Image
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ def find_cameras(
 
 def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: bool) -> _Seen:
     spec = network.spec
-    read = photo_of_array(photo, name) if isinstance(photo, ndarray) else read_photo(Path(photo))
+    read = _read(name, photo)
     if look_at_lines:
         check_no_panorama(read.image, name)
     view = network_view(read, spec.aspects, spec.width, spec.height, canvas=spec.canvas)
@@ -76,6 +79,22 @@ def _seen(network: CameraNetwork, name: str, photo: AnyPhoto, look_at_lines: boo
             (1, "EXIF describes a picture of another shape: cropped, it need not show the lens's axis in its middle")
         )
     return _Seen(name, replace(read, image=np.zeros((0, 0, 3), np.uint8)), view, lines, tuple(doubts))
+
+
+def _read(name: str, photo: AnyPhoto) -> Photo:
+    if isinstance(photo, Path | str):
+        return read_photo(Path(photo))
+    if isinstance(photo, Image.Image):
+        try:
+            photo = np.asarray(rgb_bytes(upright(photo), 1))
+        except OSError as error:  # it is read only now
+            raise UserError(f"{name} cannot be read: {error}", "Give another.") from None
+    if not isinstance(photo, ndarray):
+        raise UserError(
+            f"{name} is of type {type(photo).__name__}; a photo is a file, RGB bytes, or a picture of Pillow",
+            "Give its file; several photos go to calibrate_many or one_camera.",
+        )
+    return photo_of_array(photo, name)
 
 
 def _predicted(
@@ -107,8 +126,8 @@ def _finding(
         doubts.append(f"the network saw only {view.share:.0%} of the photo: it has an unusual shape")
     if view.width < spec.width or view.height < spec.height:
         doubts.append(
-            f"of {photo.width}x{photo.height} pixels the network saw {view.width}x{view.height}, fewer than the "
-            f"{spec.width}x{spec.height} that it takes"
+            f"of {photo.width}x{photo.height} pixels the network saw {view.width:.0f}x{view.height:.0f}, fewer than "
+            f"the {spec.width}x{spec.height} that it takes"
         )
     if strangeness > 1:
         doubts.append(

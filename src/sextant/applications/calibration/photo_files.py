@@ -1,6 +1,7 @@
 """The files of each photo: its camera, the photo made straight, and the camera drawn into it."""
 
 import io
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -45,6 +46,7 @@ def write_photos(
     for (camera, row), stem in zip(good, file_stems([Path(camera.name) for camera, _ in good]), strict=True):
         image = read_photo(Path(camera.name)).image  # again, so that never more than one photo is in memory
         with telling_write_errors(output):
+            _forget_straight(output, stem)
             if undistort != "none":
                 row["undistorted"] = _write_straight(camera, image, output, stem, undistort)
             small = Image.fromarray(image)
@@ -55,6 +57,16 @@ def write_photos(
         if len(sheet) < SHEET:
             sheet.append(drawn)
     return rows, sheet
+
+
+def _forget_straight(output: Path, stem: str) -> None:
+    """Remove the straightened photo that an earlier run wrote, if the JSON file that it left names it."""
+    try:
+        earlier = json.loads((output / f"{stem}.json").read_text())["undistorted"]["file"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    if earlier in (f"{stem}_undistorted.jpg", f"{stem}_undistorted.png"):
+        (output / earlier).unlink(missing_ok=True)
 
 
 def _write_straight(

@@ -31,7 +31,8 @@ def check_priors(focal_prior: FocalPrior, gravity_prior: GravityPrior) -> None:
         raise ArgumentError(f"gravity_prior={gravity_prior} must be None or exif", "gravity_prior=exif")
     if focal_prior is None or focal_prior == "exif":
         return
-    if not (isinstance(focal_prior, int | float) and 0 < focal_prior < math.inf):
+    number = isinstance(focal_prior, int | float) and not isinstance(focal_prior, bool)
+    if not (number and 0 < focal_prior < math.inf):
         raise ArgumentError(
             f"focal_prior={focal_prior} must be None, exif or a focal length in pixels above 0", "focal_prior=exif"
         )
