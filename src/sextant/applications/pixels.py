@@ -10,6 +10,7 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.data.image_files import UnreadableImageError, decode_image, picture_bytes
+from sextant.data.upright import upright_size
 from sextant.errors import UserError
 
 Size = tuple[int, int, int]
@@ -55,7 +56,8 @@ def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w 
     if isinstance(image, Image.Image):
         picture = image
         if size is None:
-            size = (picture.height, picture.width, 1 if picture.mode in ("1", "L", "I", "I;16") else 3)
+            width, height = upright_size(picture)
+            size = (height, width, 1 if picture.mode in ("1", "L", "I", "I;16") else 3)
     else:
         pixels = _bytes(image, size)
         if size is None or pixels.shape == size:
@@ -94,7 +96,8 @@ def several_pixels(
 def _own_size(path: Path) -> Size:
     try:
         with Image.open(path) as image:
-            return image.height, image.width, 3
+            width, height = upright_size(image)
+            return height, width, 3
     except OSError:
         return 4, 4, 3  # decoding then says what is wrong
 

@@ -4,7 +4,7 @@ What is looked up before a run starts imports nothing heavy.
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
+from PIL import Image
 
 from sextant.config import Config
 from sextant.config.building import build
 from sextant.data.source import file_sha256
+from sextant.data.upright import upright_size
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
 
@@ -193,15 +195,27 @@ def descriptor_identity(node: Mapping[str, Any], outputs: Path) -> dict[str, Any
         return {"_target_": node["_target_"], "folder": DescriptorFiles(node["folder"]).identity()}
     if "photo" in node:
         network = node["network"] and TrainedDescriptor(node["network"]).identity(outputs)
-        return {**node, "photo": _photo_identity(node["photo"]), "network": network}
+        return {**node, "photo": _photo_identity(node["photo"], node["points"]), "network": network}
     return dict(node)
 
 
-def _photo_identity(photo: str) -> str:
+def _photo_identity(photo: str, points: Sequence[Sequence[float]]) -> str:
+    """The hash of a photo, on which all points lie."""
+    path = Path(photo).expanduser()
     try:
-        return file_sha256(Path(photo).expanduser())
+        with Image.open(path) as image:
+            width, height = upright_size(image)
+        digest = file_sha256(path)
     except OSError as error:
-        raise UserError(f"descriptor.photo={photo} cannot be read: {error.strerror}", "Give a photo's file.") from None
+        reason = error.strerror or "it is no picture"
+        raise UserError(f"descriptor.photo={photo} cannot be read: {reason}", "Give a photo's file.") from None
+    for x, y in points:
+        if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+            raise UserError(
+                f"descriptor.points=[[{x:g},{y:g}]] lies outside {path.name} of {width}x{height} pixels",
+                "Give x and y in pixels of the photo.",
+            )
+    return digest
 
 
 def describer(config: Config) -> "Describer | DescriptorFiles":

@@ -1,5 +1,7 @@
 """Landmarks that somebody pointed at, as the descriptor of an image."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from cli.cosfire_detection.drawn import drawn
@@ -9,8 +11,11 @@ from tiny_places import tiny_checkpoint
 
 from sextant import Localizer
 from sextant.applications.detection.landmarks import Landmarks
+from sextant.applications.pixels import as_pixels
+from sextant.data.upright import ORIENTATION
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
+from sextant.recipes.descriptors import descriptor_identity
 
 STRIPS = 4
 
@@ -114,3 +119,24 @@ def test_a_run_of_localization_by_three_clicks_in_a_rendered_office(tmp_path, tm
     assert outcome.status == "finished"
     photo.write_bytes(photo.read_bytes() + b"\0")
     assert execute(raw).directory != outcome.directory  # another photo is another run
+
+
+@pytest.mark.parametrize(
+    ("points", "says"),
+    [
+        ([[219.5, 10]], ""),
+        ([[30, 30], [400, 10]], r"descriptor.points=\[\[400,10\]\] lies outside example.png of 220x160"),
+    ],
+)
+def test_a_run_refuses_points_beside_the_photo_before_its_world_is_rendered(example, tmp_path, points, says):
+    node = {"_target_": "sextant.applications.detection.landmarks.Landmarks", "photo": str(example), "points": points}
+    with pytest.raises(UserError, match=says) if says else nullcontext():
+        descriptor_identity(node | {"network": None}, tmp_path)
+
+
+def test_the_photo_is_looked_at_upright(tmp_path):
+    turned = Image.Exif()
+    turned[ORIENTATION] = 6
+    Image.new("L", (220, 160)).save(tmp_path / "a.jpg", exif=turned)
+    assert as_pixels(tmp_path / "a.jpg").shape == (220, 160, 3)
+    assert as_pixels(Image.open(tmp_path / "a.jpg")).shape == (220, 160, 1)
