@@ -78,7 +78,8 @@ def label_cells(
 ) -> set[str]:
     """Name the runs of a sweep by arm, setting and seed, and tag them; arms that read answers of one run share it.
 
-    Those ``named`` before are passed over; all that have a name now are returned.
+    A run that no sweep made becomes one of this; one that is another's keeps its name. Those ``named`` before are
+    passed over; all that have a name now are returned.
     """
     cells: dict[str, list[Cell]] = {}
     for cell in plan.cells:
@@ -92,7 +93,9 @@ def label_cells(
         found_now.add(run)
         arms, first = [cell.arm for cell in of_run], of_run[0]
         name = run_name(arms, first.setting, first.seed)
-        if parent.store.client.get_run(found).info.run_name != name:
+        _tie(parent, plan, RunDirectory(outputs / run))
+        known = parent.store.client.get_run(found)
+        if known.info.run_name != name and known.data.tags.get(PARENT, parent.run_id) == parent.run_id:
             note = f"{name}, of the sweep {plan.name}. {plan.definition.get('question') or ''}".rstrip()
             own = {"mlflow.runName": name, "arm": " + ".join(arms), "setting": first.setting, "sweep": plan.name}
             own["mlflow.note.content"] = note
