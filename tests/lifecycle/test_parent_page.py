@@ -17,7 +17,7 @@ from sextant.reports.sweep_page import MOST_EFFECTS, Progress, sweep_page
 from sextant.runs.directory import RunDirectory, RunKey
 from sextant.runs.sweep_directory import find_sweep, read_plan
 from sextant.tracking.store import open_store
-from sextant.tracking.sweep_parent import open_parent, refill_parents, run_name
+from sextant.tracking.sweep_parent import label_cells, open_parent, refill_parents, run_name
 
 QUESTION = "Does it help?"
 #: of a run; a list of runs shows but a few of such
@@ -115,7 +115,7 @@ def test_an_experiment_is_one_of_models_that_are_trained_and_says_what_it_holds(
 
 def test_a_page_before_the_first_run_has_ended_says_so_and_failures_are_told(tmp_path):
     plan = sweep_in(tmp_path).plan
-    page = sweep_page(plan, Progress(3, 16, {"runs/a/b": "out of memory"}, 780.0), None)
+    page = sweep_page(plan, Progress(3, 16, {"runs/a/b": "out of memory"}, 780.0), None, tmp_path)
     assert "3 of 16 runs have ended, some 13 minutes left" in page.text
     assert "- `runs/a/b`: out of memory" in page.text
     assert page.metrics == {"runs/done": 3, "runs/planned": 16, "runs/failed": 1, "minutes_left": 13}
@@ -125,7 +125,7 @@ def test_metrics_of_a_page_are_few_and_have_names_that_mlflow_takes(tmp_path):
     conditions = {f"R@1 (deg) {k}": k % 5 for k in range(30)}
     arms = {arm: [MadeUpRun(conditions, protocol=None) for _ in range(3)] for arm in ("a", "b")}
     results = made_up_sweep(tmp_path, arms, contrasts={"x": {"treatment": "a", "control": "b"}})
-    metrics = sweep_page(results.plan, Progress(6, 6), results).metrics
+    metrics = sweep_page(results.plan, Progress(6, 6), results, tmp_path).metrics
     assert len([name for name in metrics if name.startswith("effect/")]) == MOST_EFFECTS
     assert not any(set(name) & set("@()") for name in metrics)
 
@@ -207,6 +207,21 @@ def test_a_run_of_two_sweeps_that_were_not_tracked_is_a_child_of_the_first(tmp_p
     store = open_store("sqlite", None, tmp_path)
     fill_store(store, tmp_path, SILENT_RUN)
     assert [len(parent_and_children(store, tmp_path, plan)[1]) for plan in (earlier, later)] == [3, 13]
+
+
+def test_a_run_stays_with_the_sweep_that_used_it_first(tmp_path):
+    first = sweep_in(tmp_path).plan
+    first = replace(first, cells=first.cells[:1])
+    second = replace(first, name="again", cells=[replace(first.cells[0], arm="other")])
+    store = open_store("sqlite", None, tmp_path)
+    child = store.client.create_run(store.experiment_id("classification"), run_name="05e71b0b-s0").info.run_id
+    RunDirectory(tmp_path / first.cells[0].run).update_state({"mlflow_runs": [child], "params": PARAMS})
+    parents = [open_parent("sqlite", None, tmp_path, plan, "classification") for plan in (first, second)]
+    for parent, plan in zip(parents, (first, second), strict=True):
+        assert label_cells(parent, plan, tmp_path) == {first.cells[0].run}
+    found = store.client.get_run(child)
+    assert (found.info.run_name, found.data.tags["sweep"]) == ("conv net seed 0", "made_up")
+    assert found.data.tags["mlflow.parentRunId"] == parents[0].run_id
 
 
 def submitted_and_left(outputs):

@@ -2,7 +2,7 @@ import pytest
 
 from sextant.errors import UserError
 from sextant.reporter import Reporter
-from sextant.runs.sweep_directory import Cell, SweepPlan, find_sweep, read_plan
+from sextant.runs.sweep_directory import Cell, SweepPlan, find_sweep, read_plan, report_command
 
 
 class Hears(Reporter):
@@ -59,3 +59,11 @@ def test_a_damaged_plan_is_passed_over_for_one_that_can_be_read(tmp_path, conten
     assert find_sweep("demo", tmp_path, said) == directory
     assert said.heard == [f"{damaged}/cells.json is missing or damaged, and is passed over"]
     assert plan(digest="d2").resumed(tmp_path) == plan(digest="d2")
+
+
+def test_the_command_of_a_report_names_other_outputs_than_the_default(tmp_path, monkeypatch):
+    outputs = tmp_path / "my outputs"
+    directory = plan().write(outputs)
+    assert report_command(directory) == f"sextant report sweep={directory.name} 'outputs={outputs}'"
+    monkeypatch.setenv("SEXTANT_OUTPUTS", str(outputs))
+    assert report_command(directory) == f"sextant report sweep={directory.name}"

@@ -15,6 +15,7 @@ from sextant.errors import UserError
 from sextant.lifecycle import sweep
 from sextant.lifecycle.search.run import sweep_or_search
 from sextant.runs.outputs_folder import default_outputs
+from sextant.runs.sweep_directory import find_sweep, read_plan, report_command
 
 USAGE = "sextant sweep status|attach|cancel <sweep> [outputs=<folder>]"
 
@@ -33,8 +34,6 @@ def main(arguments: Sequence[str]) -> None:
     if verb not in verbs or len(names) != 1:
         raise UserError(f"sweep {' '.join(arguments)}: not understood".replace("  ", " "), USAGE)
     given = parse_arguments([word for word in arguments[1:] if "=" in word], {"outputs": "output folder"}, USAGE)
-    from sextant.runs.sweep_directory import find_sweep
-
     outputs = Path(given.get("outputs", default_outputs())).expanduser().absolute()
     verbs[verb](find_sweep(names[0], outputs, TERMINAL))
 
@@ -57,7 +56,7 @@ def run_sweep(arguments: Sequence[str], wait: bool | None = None, run_cells: swe
     for cell in found.cells:
         if cell.message:
             console.print(f"[red]failed[/] {cell.setting} {cell.arm} seed {cell.seed}: {escape(cell.message)}")
-    console.print(f"report  sextant report sweep={found.directory.name}")
+    console.print(f"report  {report_command(found.directory)}", markup=False, soft_wrap=True)
     if found.count("failed"):
         raise SystemExit(1)
 
@@ -88,8 +87,6 @@ def _status(directory: Path) -> None:
 
 
 def _attach(directory: Path) -> None:
-    from sextant.runs.sweep_directory import read_plan
-
     overrides, folder = without_folder(read_plan(directory).command)
     with own_configs(folder):
         run_sweep(overrides, wait=True)

@@ -96,7 +96,7 @@ def write_page(plan: SweepPlan, outputs: Path, *, left_s: float = float("nan"), 
         results = None
     pictures = [] if results is None or not ended else _pictures(results, directory)
     failures = {cell.run: cell.message for cell in plan.cells if cell.message}
-    page, tags = sweep_page(plan, Progress(done, len(runs), failures, left_s), results, pictures), _tags(plan)
+    page, tags = sweep_page(plan, Progress(done, len(runs), failures, left_s), results, outputs, pictures), _tags(plan)
     kept = {"text": page.text, "tags": tags, "params": _params(plan), "metrics": page.metrics, "step": done}
     write_json(directory / PAGE, kept)
     return tags

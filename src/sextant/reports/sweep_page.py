@@ -4,12 +4,13 @@ import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from sextant.reports.contrasts import ContrastRow, contrasts
 from sextant.reports.results import SweepResults
 from sextant.reports.search_results import leading_trial
 from sextant.reports.tables import TextTable, interval, number
-from sextant.runs.sweep_directory import SweepPlan
+from sextant.runs.sweep_directory import SweepPlan, report_command
 
 #: failures that are told, and how much of each
 MOST_FAILURES, LINE = 5, 200
@@ -43,7 +44,7 @@ class SweepPage:
 
 
 def sweep_page(
-    plan: SweepPlan, progress: Progress, results: SweepResults | None, pictures: Sequence[str] = ()
+    plan: SweepPlan, progress: Progress, results: SweepResults | None, outputs: Path, pictures: Sequence[str] = ()
 ) -> SweepPage:
     """The page of a sweep.
 
@@ -51,6 +52,7 @@ def sweep_page(
         plan: of the sweep.
         progress: of its runs.
         results: of the runs that have ended; None while there are none.
+        outputs: folder that it lies in.
         pictures: addresses of the figures of its contrasts.
     """
     rows = [] if results is None else [row for row in contrasts(results) if row.paired is not None]
@@ -65,9 +67,8 @@ def sweep_page(
     if progress.failures:
         failed = list(progress.failures.items())[:MOST_FAILURES]
         parts.append("Failed:\n\n" + "".join(f"- `{run}`: {why[:LINE]}\n" for run, why in failed))
-    parts.append(
-        f"```\npython train.py -m {shlex.join(plan.command)}\nsextant report sweep={plan.name}-{plan.digest[:8]}\n```\n"
-    )
+    commands = f"python train.py -m {shlex.join(plan.command)}\n{report_command(plan.directory(outputs))}"
+    parts.append(f"```\n{commands}\n```\n")
     metrics = {"runs/done": float(progress.done), "runs/planned": float(progress.planned)}
     metrics |= {"runs/failed": float(len(progress.failures)), **found}
     if progress.left_s == progress.left_s:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shlex
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from sextant.atomic_files import read_json, write_json
 from sextant.errors import UserError
 from sextant.reporter import SILENT, Reporter
-from sextant.runs.outputs_folder import conf_dir
+from sextant.runs.outputs_folder import conf_dir, default_outputs
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def read_plan(directory: Path) -> SweepPlan:
     Raises:
         UserError: there is none, or it is damaged.
     """
-    found = read_json(directory / "cells.json")
+    found: Any = read_json(directory / "cells.json")
     try:
         return SweepPlan(**{**found, "cells": [Cell(**cell) for cell in found["cells"]]})
     except (TypeError, KeyError):
@@ -123,6 +124,13 @@ def read_plans(outputs: Path, reporter: Reporter = SILENT) -> dict[Path, SweepPl
         except UserError as error:
             reporter.say(f"{error.problem}, and is passed over")
     return found
+
+
+def report_command(directory: Path) -> str:
+    """The command that reports on the sweep of a directory, with its output folder unless that is the default."""
+    outputs = directory.absolute().parents[1]
+    there = [] if outputs == default_outputs() else [f"outputs={outputs}"]
+    return shlex.join(["sextant", "report", f"sweep={directory.name}", *there])
 
 
 def find_sweep(reference: str, outputs: Path, reporter: Reporter = SILENT) -> Path:
