@@ -75,6 +75,16 @@ def decide_claims(claims: Claims, tables: Tables) -> list[DecidedClaim]:
     ]
 
 
+def decide_quick_claims(claims: Claims, stored: Path) -> list[DecidedClaim]:
+    """Decide the claims of which the tables of ``preset=quick`` are stored.
+
+    Raises:
+        UserError: as :func:`decide_claims`.
+    """
+    measured = {name: claim for name, claim in claims.items() if any(part.sweep for part in _measured(claim, "quick"))}
+    return decide_claims(measured, quick_tables(claims, stored))
+
+
 def write_board(
     claims: Claims, tables: Tables, command: str, output: Path | None = None, html: Path | None = None
 ) -> list[Path]:
@@ -100,12 +110,7 @@ def write_board(
         for name, claim in claims.items()
         if name not in there
     }
-    again: list[DecidedClaim] = []
-    if tables.preset is None:
-        measured = {
-            name: claim for name, claim in claims.items() if any(part.sweep for part in _measured(claim, "quick"))
-        }
-        again = decide_claims(measured, quick_tables(claims, tables.stored))
+    again = [] if tables.preset is not None else decide_quick_claims(claims, tables.stored)
     text, written = board(decided, "claims", command, left_out, again), {}
     if output is not None:
         for claim in decided:
@@ -126,11 +131,7 @@ def check_digests(claims: Claims, stored: Path) -> None:
     Raises:
         UserError: one is missing or has changed since its digest was written.
     """
-    lines = (line.partition("  ") for line in (stored / DIGESTS).read_text("utf-8").splitlines())
-    known = {name: digest for digest, _, name in lines}
-    lost = sorted(name for name in known if not (stored / name).is_file())
-    if lost:
-        raise UserError(f"{stored / lost[0]} is not there", f"Restore it: git checkout {stored / lost[0]}")
+    known = _known_digests(stored)
     for name, digest in digests(claims, stored).items():
         if known.get(name) != digest:
             raise UserError(
@@ -151,8 +152,28 @@ def digests(claims: Claims, stored: Path) -> dict[str, str]:
 
 
 def renew_digests(claims: Claims, stored: Path) -> None:
-    """Write the digests of the files as they are."""
+    """Write the digests of the files as they are, once they decide the claims.
+
+    Raises:
+        UserError: a file that has a digest is not there, or a table lacks what a claim names.
+    """
+    _known_digests(stored)
+    decide_claims(claims, Tables(stored))
+    decide_quick_claims(claims, stored)
     _write(stored / DIGESTS, "".join(f"{digest}  {name}\n" for name, digest in digests(claims, stored).items()))
+
+
+def _known_digests(stored: Path) -> dict[str, str]:
+    """The stored digests by file; a ``UserError`` if one of the files is lost."""
+    path = stored / DIGESTS
+    try:
+        lines = [line.partition("  ") for line in path.read_text("utf-8").splitlines()]
+    except UnicodeDecodeError:
+        raise UserError(f"{path} is not text, as sha256sum writes it", f"Restore it: git checkout {path}") from None
+    lost = sorted(name for _, _, name in lines if not (stored / name).is_file())
+    if lost:
+        raise UserError(f"{stored / lost[0]} is not there", f"Restore it: git checkout {stored / lost[0]}")
+    return {name: digest for digest, _, name in lines}
 
 
 def run_claims(

@@ -15,8 +15,43 @@ from sextant.evaluation.verdict import TAIL, Estimate
 COUNTED = "counted"
 #: as far as figures of the claims have digits that are read
 ROUNDING = 9
+#: what to do about a table that is lost or damaged
+STORED = "It is stored with the sweep's report: sextant report sweep=<name>."
 
-Row = Mapping[str, str]
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a stored table.
+
+    Attributes:
+        place: its file and line, for messages.
+        cells: by column.
+    """
+
+    place: str
+    cells: Mapping[str, str]
+
+    def __getitem__(self, column: str) -> str:
+        if column not in self.cells:
+            raise UserError(f"{self.place}: there is no column {column}", f"Its columns: {', '.join(self.cells)}.")
+        return self.cells[column]
+
+    def number(self, column: str, least: float = -math.inf) -> float:
+        """The finite number in a column."""
+        try:
+            value = float(self[column].replace(",", ""))
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and value >= least):
+            asked = "a number" if least == -math.inf else f"a number from {least:g} up"
+            raise UserError(f"{self.place}: {column}={self[column]} must be {asked}", STORED)
+        return value
+
+    def count(self, column: str) -> int:
+        """The whole number from 0 up in a column."""
+        if not self[column].isdecimal():
+            raise UserError(f"{self.place}: {column}={self[column]} must be a whole number from 0 up", STORED)
+        return int(self[column])
 
 
 @dataclass(frozen=True)
@@ -31,13 +66,21 @@ def read_table(path: Path) -> list[Row]:
     """The rows of a stored table; of columns of one name the first, such as ``ratio`` of a table of costs.
 
     Raises:
-        UserError: there is no such file.
+        UserError: there is no such file, or it is no table.
     """
     if not path.is_file():
-        raise UserError(f"{path} is not there", "It is stored with the sweep's report: sextant report sweep=<name>.")
-    with path.open(encoding="utf-8", newline="") as file:
-        columns, *rows = csv.reader(file)
-    return [dict(reversed(list(zip(columns, row, strict=True)))) for row in rows]
+        raise UserError(f"{path} is not there", STORED)
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            columns, *rows = csv.reader(file)
+    except (ValueError, csv.Error):  # binary, or empty
+        raise UserError(f"{path} is not a table of comma-separated values", STORED) from None
+    found = []
+    for line, row in enumerate(rows, start=2):
+        if len(row) != len(columns):
+            raise UserError(f"{path}, line {line}: {len(row)} values in {len(columns)} columns", STORED)
+        found.append(Row(f"{path}, line {line}", dict(reversed(list(zip(columns, row, strict=True))))))
+    return found
 
 
 def evidence(
@@ -67,10 +110,10 @@ def evidence(
     column = {"cells": "arm", "cost": "arm", "recorded": "name"}.get(table, "contrast")
 
     def row(**wanted: str) -> Row:
-        found = next((row for row in rows if all(row.get(key) == value for key, value in wanted.items())), None)
+        found = next((row for row in rows if all(row[key] == value for key, value in wanted.items())), None)
         if found is None:
             told = " ".join(f"{key}={value}" for key, value in wanted.items())
-            there = ", ".join(dict.fromkeys(str(row.get(column)) for row in rows))
+            there = ", ".join(dict.fromkeys(row[column] for row in rows))
             raise UserError(f"{path} has no row {told}", f"Its {column}s: {there}.")
         return found
 
@@ -81,8 +124,8 @@ def evidence(
         for setting in settings:
             place = name if setting == "-" else f"{name}, {setting}"
             if table == "cost":
-                ratio = _number(row(arm=name, setting=setting)[quantity])
-                ratio /= _number(row(arm=str(against), setting=setting)[quantity])
+                ratio = row(arm=name, setting=setting).number(quantity)
+                ratio /= row(arm=str(against), setting=setting).number(quantity)
                 extra = round(sign * 100 * (ratio - 1), ROUNDING) + 0.0  # and -0.0 is 0.0
                 yield Evidence(place, Estimate(extra, 0.0, math.inf, 0, counted=True))
                 continue
@@ -93,29 +136,25 @@ def evidence(
 
 
 def _estimate(row: Row, rows: Sequence[Row], sign: float, against: float | str) -> Estimate:
-    if not row["mean"]:  # no pair of runs converged
+    if row["mean"] in ("", "nan"):  # no pair of runs converged
         return Estimate(math.nan, math.nan, 0, 0)
-    mean = sign * (_number(row["mean"]) - (against if isinstance(against, float) else 0.0))
-    if "freedom" in row:  # of Welch's test; its seeds are those of the group that has fewest in any stratum
-        low, high, freedom = (_number(row[key]) for key in ("low", "high", "freedom"))
+    mean = sign * (row.number("mean") - (against if isinstance(against, float) else 0.0))
+    if "freedom" in row.cells:  # of Welch's test; its seeds are those of the group that has fewest in any stratum
+        low, high, freedom = (row.number(key) for key in ("low", "high", "freedom"))
         error = (high - low) / 2 / float(stats.t.ppf(1 - TAIL, freedom))
         alike = [other for other in rows if other["condition"] == row["condition"] and other["setting"] != "together"]
-        seeds = min(int(other["treatment"]) for other in alike or [row])
+        seeds = min(other.count("treatment") for other in alike or [row])
         return Estimate(mean, error, freedom, seeds)
-    floor = row.get("floor_mean") or "0"
-    return Estimate.of_pairs(mean, _number(row["spread"]), int(row["seeds"]), _number(floor))
+    seeds, floor = row.count("seeds"), row.number("floor_mean") if row.cells.get("floor_mean") else 0.0
+    return Estimate.of_pairs(mean, row.number("spread", 0) if seeds > 1 else math.nan, seeds, floor)
 
 
 def _recorded(row: Row, sign: float) -> Estimate:
-    mean = round(sign * (_number(row["mean"]) - _number(row["against"])), ROUNDING)
+    mean = round(sign * (row.number("mean") - row.number("against")), ROUNDING)
     if row["seeds"] == COUNTED:
         return Estimate(mean, 0.0, math.inf, 0, counted=True)
-    seeds = int(row["seeds"])
+    seeds = row.count("seeds")
     if not row["low"]:
         return Estimate(mean, math.nan, seeds - 1, seeds)
-    ends = sorted(round(sign * (_number(row[end]) - _number(row["against"])), ROUNDING) for end in ("low", "high"))
+    ends = sorted(round(sign * (row.number(end) - row.number("against")), ROUNDING) for end in ("low", "high"))
     return Estimate(mean, math.nan, seeds - 1, seeds, known=(ends[0], ends[1]))
-
-
-def _number(text: str) -> float:
-    return float(text.replace(",", ""))
