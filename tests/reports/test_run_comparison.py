@@ -90,3 +90,14 @@ def test_mistakes_are_told(arguments, said, arms, tmp_path, capsys):
 
     with pytest.raises(UserError, match=said):
         main([*arguments, f"outputs={tmp_path}"])
+
+
+@pytest.mark.parametrize("content", [None, "{"])
+def test_a_run_without_metrics_is_told(arms, tmp_path, content, capsys):
+    metrics = arms["push_pull"][1].metrics
+    metrics.unlink() if content is None else metrics.write_text(content)
+    with pytest.raises(SystemExit, match="2"):
+        cli.run("compare", ["run=conv-s0", "run=push_pull-s1", f"outputs={tmp_path}"])
+    said = capsys.readouterr()
+    assert f"{metrics} is missing or damaged" in said.err
+    assert "optimizer.lr" in said.out

@@ -40,6 +40,12 @@ def main(arguments: Sequence[str]) -> None:
     found = compare_runs(runs[0], runs[1], outputs)
     for title, differences in (("config", found.config), ("code, data, versions", found.origin)):
         _show(title, differences, names)
+    for run in runs:
+        if run is not None and run.results() is None:
+            raise UserError(
+                f"{run.metrics} is missing or damaged: the run has no metrics to compare",
+                "If the run is not finished, its command resumes it; if the file is damaged, delete the run first.",
+            )
     table = Table("metric", *map(escape, names), "difference", "seeds alone", "", title="metrics", title_justify="left")
     for metric in found.metrics:
         if metric.first == metric.second:

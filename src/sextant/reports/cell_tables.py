@@ -1,5 +1,7 @@
 """Tables of the cells of a sweep: their distribution over seeds, what became of their runs, and every run."""
 
+import math
+
 from sextant.reports.results import SweepResults
 from sextant.reports.summary import Summary
 from sextant.reports.tables import Entry, TextTable, arms_table, interval, number
@@ -41,14 +43,14 @@ def runs_table(summaries: list[Summary]) -> TextTable:
 
 
 def seed_rows(results: SweepResults) -> TextTable:
-    """The value of every run under every condition, for a file; diverged runs too."""
+    """The value of every run under every condition, for a file; nan of those that failed or were stopped by a nan."""
     rows = [
         [
             *(cell.cell.setting, cell.cell.arm, str(cell.cell.pair), str(cell.cell.seed), cell.outcome),
-            *(condition, str(cell.value(condition))),
+            *(condition, str(cell.value(condition) if cell.values else math.nan)),
         ]
         for cell in results.cells
-        if cell.values
+        if cell.outcome != "missing"
         for condition in results.conditions
     ]
     return TextTable(["setting", "arm", "pair", "seed", "outcome", "condition", "value"], rows)
