@@ -4,6 +4,7 @@ import csv
 import math
 import re
 import shutil
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -17,12 +18,21 @@ from sextant.composing.config_files import read_config_file
 from sextant.config.schema.claims import Claim
 from sextant.data.worlds.office_walk import OfficeWalkPlan
 from sextant.errors import UserError
+from sextant.evaluation.verdict import Estimate
 from sextant.lifecycle import claim_files
 from sextant.lifecycle import claims as life
 from sextant.lifecycle.claim_files import read_claims
-from sextant.lifecycle.claims import Tables, check_digests, decide_claims, run_claims, sweep_arguments
+from sextant.lifecycle.claims import (
+    DIGESTS,
+    Tables,
+    check_digests,
+    decide_claims,
+    renew_digests,
+    run_claims,
+    sweep_arguments,
+)
 from sextant.lifecycle.sweep_plan import read_design
-from sextant.reports.claims_board import seeds_told
+from sextant.reports.claims_board import Comparison, seeds_told
 from sextant.runs.outputs_folder import conf_dir
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -133,6 +143,73 @@ def test_a_stored_table_of_short_runs_that_is_missing_is_refused(tmp_path):
     (tmp_path / "docs" / "claims" / "quick" / "recovery" / "seeds.csv").unlink()
     with pytest.raises(UserError, match=r"quick/recovery/seeds.csv is not there"):
         check_digests(CLAIMS, tmp_path / "docs")
+
+
+def test_an_unknown_spread_needs_no_number_of_seeds(tmp_path):
+    claim = Comparison("", Estimate(1.0, math.nan, 7, 8, known=(0.0, 2.0)), "better", 0.5, "points")
+    assert seeds_told(claim, "undecided", 1) == "8; how many more is not known"
+    assert seeds_told(replace(claim, matters=1.0, estimate=Estimate.of_pairs(1.0, 2.0, 8)), "undecided", 1) == (
+        "8; more than 1,000 needed"
+    )
+
+
+HEAD = "contrast,setting,condition,seeds,mean,spread,floor_mean"
+ROW = "effect,lenet_a,clean,8,3.0,1.0,-0.1"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "is not a table of comma-separated values"),
+        (b"\xff\x00\xfe", "is not a table of comma-separated values"),
+        (f"{HEAD}\n{ROW},5\n", "line 2: 8 values in 7 columns"),
+        (f"{HEAD}\n{ROW[:-5]}\n", "line 2: 6 values in 7 columns"),
+        (f"{HEAD}\n{ROW.replace('3.0', 'xyz')}\n", "line 2: mean=xyz must be a number"),
+        (f"{HEAD}\n{ROW.replace('1.0', 'nan')}\n", "line 2: spread=nan must be a number from 0 up"),
+        (f"{HEAD}\n{ROW.replace('8', 'abc')}\n", "line 2: seeds=abc must be a whole number from 0 up"),
+        (f"{HEAD}\n{ROW.replace('8', '-8')}\n", "line 2: seeds=-8 must be a whole number from 0 up"),
+        (f"{HEAD.replace('spread', 'sp')}\n{ROW}\n", "line 2: there is no column spread"),
+        (f"{HEAD.replace('setting', 'sp')}\n{ROW}\n", "line 2: there is no column setting"),
+    ],
+)
+def test_a_damaged_table_is_told_with_its_line_and_column(tmp_path, content, said):
+    stored_pairs(tmp_path, ("lenet_a", 3.0, 1.0))
+    (tmp_path / "demo" / "contrasts.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(UserError, match=said) as caught:
+        decided(tmp_path, demo=demo())
+    assert str(tmp_path / "demo" / "contrasts.csv") in caught.value.problem
+
+
+def test_digests_are_renewed_once_all_is_there_and_decides(tmp_path):
+    claims = {"demo": demo()}
+    table, digests = stored_pairs(tmp_path, ("lenet_a", 3.0, 1.0)) / "demo" / "contrasts.csv", tmp_path / DIGESTS
+    quick = tmp_path / "claims" / "quick" / "demo" / "contrasts.csv"
+    quick.parent.mkdir(parents=True)
+    quick.write_bytes(table.read_bytes())
+    digests.touch()
+    renew_digests(claims, tmp_path)
+    check_digests(claims, tmp_path)
+    whole, lost = digests.read_bytes(), quick.with_name("seeds.csv")
+    table.write_text("damaged")
+    with pytest.raises(UserError, match="has no row"):
+        renew_digests(claims, tmp_path)
+    assert digests.read_bytes() == whole
+    digests.write_bytes(whole + f"{'0' * 64}  {lost.relative_to(tmp_path)}\n".encode())
+    with pytest.raises(UserError, match=r"quick/demo/seeds\.csv is not there"):
+        renew_digests(claims, tmp_path)
+    digests.write_bytes(b"\xff\xfe")
+    with pytest.raises(UserError, match=r"results\.sha256 is not text"):
+        check_digests(claims, tmp_path)
+
+
+@pytest.mark.parametrize("key", ["html", "output"])
+@pytest.mark.parametrize("folder", ["README.md", "README.md/x", "/proc/foo"])
+def test_a_folder_that_cannot_be_made_is_told_first(key, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(DOCS.parent)
+    monkeypatch.setattr(life, "stored_results", lambda: pytest.fail("it was begun"))
+    with pytest.raises(SystemExit, match="2"):
+        cli.run("claims", [f"{key}={folder}"])
+    assert f"{key}={folder} is not a folder that can be written to" in capsys.readouterr().err
 
 
 def test_a_claim_needs_arms_and_rows_that_are_there(tmp_path):
@@ -259,6 +336,7 @@ def test_launcher_and_tracking_are_handed_on_and_a_board_without_verdicts_is_an_
     ("words", "said"),
     [
         (["launcher=slurm"], "none is chosen"),
+        (["claim=places_mining", "workers=2"], "workers=2 is of the sweeps of a preset, and none is chosen"),
         (["preset=quick", "launcher=local", "workers=2"], "workers=2 goes with launcher=joblib alone"),
         (["preset=quick", "launchr=local"], "launchr=local: unknown key"),
     ],

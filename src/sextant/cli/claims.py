@@ -8,6 +8,7 @@ from rich.table import Table
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
+from sextant.cli.output_folder import make_output
 from sextant.errors import UserError
 
 USAGE = """\
@@ -38,10 +39,14 @@ def main(arguments: Sequence[str]) -> None:
     """Decide claims, write their board, and list the verdicts."""
     handed_on = [each for each in arguments if each.partition("=")[0].partition(".")[0] in GROUPS]
     options = ClaimsOptions.parse([each for each in arguments if each not in handed_on], USAGE)
-    if handed_on and options.preset == "stored":
-        raise UserError(f"{handed_on[0]} is of the sweeps of a preset, and none is chosen", "Add preset=quick or full")
+    of_sweeps = handed_on + [f"workers={options.workers}"] * bool(options.workers)
+    if of_sweeps and options.preset == "stored":
+        raise UserError(f"{of_sweeps[0]} is of the sweeps of a preset, and none is chosen", "Add preset=quick or full")
     if options.workers and any(each.startswith("launcher=") and each != "launcher=joblib" for each in handed_on):
         raise UserError(f"workers={options.workers} goes with launcher=joblib alone")
+    for key in ("output", "html"):
+        if (folder := getattr(options, key)) is not None:
+            make_output(folder, key)
     from sextant.lifecycle import claims as life
     from sextant.lifecycle.claim_files import read_claims
     from sextant.reports.claims_board import seeds_told
@@ -50,7 +55,8 @@ def main(arguments: Sequence[str]) -> None:
     claims, stored = read_claims(options.claim), life.stored_results()
     if options.digests == "renew":
         life.renew_digests(read_claims(), stored)
-    life.check_digests(claims, stored)
+    else:
+        life.check_digests(claims, stored)
     tables, output, command = life.Tables(stored), stored, "sextant claims"
     if options.preset != "stored":
         from sextant.cli.terminal import TERMINAL

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from sextant.cli.arguments import Options
 from sextant.cli.console import console, print_mistake
+from sextant.cli.output_folder import make_output
 from sextant.cli.terminal import TERMINAL
 from sextant.errors import UserError
 from sextant.runs.outputs_folder import default_outputs
@@ -44,10 +45,7 @@ def main(arguments: Sequence[str]) -> None:
     quiet_libraries()
     options = DashboardOptions.parse(arguments, USAGE)
     outputs = default_outputs() if options.outputs is None else Path(options.outputs).absolute()
-    try:
-        outputs.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"outputs={outputs} is not a folder that can be written to: {error.strerror}") from None
+    make_output(outputs, "outputs")
     server = _server(options)
     from sextant.tracking.server import free_port
     from sextant.tracking.store import open_store, telling_store_errors
@@ -92,9 +90,10 @@ def _server(options: DashboardOptions) -> str | None:
 
 def _fill(store: "Store", outputs: Path) -> None:
     from sextant.lifecycle.parent_page import fill_store
+    from sextant.reports.tables import counted
 
     changed = fill_store(store, outputs, TERMINAL)
-    console.print(f"{changed} runs brought up to date" if changed else "the store is up to date")
+    console.print(f"{counted(changed, 'run')} brought up to date" if changed else "the store is up to date")
 
 
 def _serve(store: "Store", outputs: Path, port: int) -> None:

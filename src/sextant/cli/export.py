@@ -7,6 +7,7 @@ from pydantic import Field
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
+from sextant.cli.output_folder import make_output
 
 USAGE = "sextant export run=<run> [format=onnx|torch_export] [output=<folder>]"
 
@@ -29,6 +30,8 @@ class ExportOptions(Options):
 def main(arguments: Sequence[str]) -> None:
     """Write the network, compare it with the original, and say where it is."""
     chosen = ExportOptions.parse(arguments, USAGE)
+    if chosen.output is not None:
+        make_output(chosen.output)
     from sextant.lifecycle.exporting import export_run
 
     with console.status("tracing the network"):

@@ -9,8 +9,8 @@ from sextant.cli.console import console
 from sextant.errors import UserError
 
 
-def make_output(output: Path) -> None:
-    """Make the folder, if need be.
+def make_output(output: Path, key: str = "output") -> None:
+    """Make the folder that a key names, if need be.
 
     Raises:
         UserError: it cannot be made.
@@ -18,7 +18,7 @@ def make_output(output: Path) -> None:
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"output={output} is not a folder that can be written to: {error.strerror}") from None
+        raise UserError(f"{key}={output} is not a folder that can be written to: {error.strerror}") from None
 
 
 def tell_written(done: str, failed: int, written: Sequence[Path], why: str = "failed") -> None:

@@ -8,6 +8,7 @@ from rich.table import Table
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
+from sextant.cli.output_folder import make_output
 from sextant.tracking.environment import quiet_libraries
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ def main(arguments: Sequence[str]) -> None:
     """Write the report of a sweep into its directory and log it on its parent run."""
     quiet_libraries()
     options = ReportOptions.parse(arguments, USAGE)
+    if options.html is not None:
+        make_output(options.html, "html")
     from sextant.cli.terminal import TERMINAL
     from sextant.lifecycle.results import sweep_results
     from sextant.reports.sweep_report import write_report
@@ -84,10 +87,10 @@ def _show_search(results: "SweepResults") -> None:
 def _show(results: "SweepResults") -> None:
     """The contrasts in a table that fits a terminal; everything else is in the report."""
     from sextant.reports.contrasts import contrasts
-    from sextant.reports.tables import interval, number
+    from sextant.reports.tables import counted, interval, number
 
     counts = ", ".join(f"{results.count(name)} {name}" for name in ("finished", "diverged", "failed", "missing"))
-    console.print(f"[bold]{results.plan.name}[/]: {len(results.cells)} runs planned, {counts}")
+    console.print(f"[bold]{results.plan.name}[/]: {counted(len(results.cells), 'run')} planned, {counts}")
     rows = contrasts(results)
     for name in dict.fromkeys(row.contrast for row in rows):
         title = f"{name}: {results.measure.difference}, {results.measure.better} is better"

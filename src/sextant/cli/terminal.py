@@ -13,6 +13,7 @@ from sextant.cli.work_progress import work_progress
 from sextant.config import Config
 from sextant.lifecycle.run_reporter import RunReporter
 from sextant.reporter import Advance
+from sextant.reports.tables import counted
 from sextant.runs.directory import RunDirectory
 from sextant.runs.sweep_directory import SweepPlan
 
@@ -50,8 +51,8 @@ class Terminal(RunReporter):
     def planned(self, plan: SweepPlan, finished: int) -> None:
         """How many runs there are."""
         cells, runs = len(plan.cells), len({cell.run for cell in plan.cells})
-        told = f"{cells} runs planned" if runs == cells else f"{cells} cells of {runs} runs planned"
-        console.print(f"[bold]{plan.name}[/]: {told}, {finished} finished already")
+        told = counted(runs, "run") if runs == cells else f"{cells} cells of {counted(runs, 'run')}"
+        console.print(f"[bold]{plan.name}[/]: {told} planned, {finished} finished already")
 
     def settled(self, number: int, setting: Mapping[str, str], value: float | None, told: str) -> None:
         """A line."""

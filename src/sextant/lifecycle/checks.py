@@ -51,7 +51,16 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
     """Raise a ``UserError`` unless the data is there, the output folder can be written to, and the server answers."""
     from sextant.tracking.store import require_server
 
-    outputs = Path(config.paths.outputs)
+    require_outputs(Path(config.paths.outputs))
+    recipe = recipe_of(config.task.name, reporter)
+    with naming_groups(config.plain):
+        recipe.check(recipe.source(config))
+    if config.tracking.kind == "server" and config.tracking.uri is not None:
+        require_server(config.tracking.uri)
+
+
+def require_outputs(outputs: Path) -> None:
+    """Make the output folder, and raise a ``UserError`` unless it can be written to."""
     try:
         outputs.mkdir(parents=True, exist_ok=True)
         probe = outputs / f".writable-{os.getpid()}"
@@ -62,11 +71,6 @@ def require_environment(config: Config, reporter: Reporter = SILENT) -> None:
             f"paths.outputs={outputs} cannot be written to: {error.strerror}",
             "Choose another folder: paths.outputs=/path, or set SEXTANT_OUTPUTS",
         ) from None
-    recipe = recipe_of(config.task.name, reporter)
-    with naming_groups(config.plain):
-        recipe.check(recipe.source(config))
-    if config.tracking.kind == "server" and config.tracking.uri is not None:
-        require_server(config.tracking.uri)
 
 
 def require_possible(config: Config, source: Source) -> None:

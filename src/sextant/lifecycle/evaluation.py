@@ -11,7 +11,7 @@ from sextant.composing.overrides import parse
 from sextant.config import Config, digest, nearest, validate
 from sextant.config.building import naming_groups
 from sextant.errors import UserError
-from sextant.lifecycle.checks import require_device
+from sextant.lifecycle.checks import require_device, require_outputs
 from sextant.lifecycle.execute import OpenMirror, Outcome, run_once
 from sextant.lifecycle.run_reporter import SILENT_RUN, RunReporter
 from sextant.recipes import recipe_of
@@ -39,7 +39,9 @@ def evaluate_run(run: str, overrides: Sequence[str], reporter: RunReporter = SIL
     Raises:
         UserError: there is no such run, an override is wrong, or the model does not fit the data.
     """
-    found = resolve_run(run, _outputs(overrides))
+    outputs = _outputs(overrides)
+    require_outputs(outputs)
+    found = resolve_run(run, outputs)
     from sextant.runs.checkpoint import KEY
 
     content = read_trained(found.checkpoint)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sextant.evaluation.protocols import SEEDS_FOR_A_CLAIM
 from sextant.evaluation.verdict import MOST_SEEDS, TAIL, Estimate, Expectation, Verdict, decide, further_seeds, together
 from sextant.figures.claim_strip import Strip, claim_strips
-from sextant.reports.tables import NOTHING, TextTable, decimals
+from sextant.reports.tables import NOTHING, TextTable, counted, decimals
 
 SAYS: Mapping[Expectation, str] = {"better": "more than", "as_good": "not worse than by", "same": "the same within"}
 #: a difference of shares cannot be larger
@@ -141,8 +141,9 @@ def board(
     held, failed, open_ = (sum(c.verdict == verdict for c in claims) for verdict in ("holds", "fails", "undecided"))
     parts = [
         "# The claims of the thesis\n",
-        f"Written by `{command}`; changes made by hand are lost. {len(claims)} claims: {held} hold, "
-        f"{failed} fail, {open_} are undecided.\n",
+        f"Written by `{command}`; changes made by hand are lost. {counted(len(claims), 'claim')}: "
+        f"{held} {'holds' if held == 1 else 'hold'}, {failed} {'fails' if failed == 1 else 'fail'}, "
+        f"{open_} {'is' if open_ == 1 else 'are'} undecided.\n",
         _how_to_read(claims),
         TextTable(
             ["claim", "chapter", "verdict", "effect in its favour, 95 %", "asked", "unit", "published", "seeds"],

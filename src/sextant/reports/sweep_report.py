@@ -24,7 +24,8 @@ from sextant.reports.results import SweepResults
 from sextant.reports.search_report import write_search_report
 from sextant.reports.section import Section
 from sextant.reports.summary import Summary, summarise
-from sextant.reports.tables import TextTable, interval, is_number, number, slug
+from sextant.reports.tables import TextTable, counted, interval, is_number, number, slug
+from sextant.runs.sweep_directory import report_command
 
 
 def write_report(results: SweepResults) -> list[Path]:
@@ -155,8 +156,8 @@ def _markdown(
     parts = [
         f"# {plan.name}\n",
         f"{plan.definition.get('question', '')}\n" if plan.definition.get("question") else "",
-        f"`sextant train -m {shlex.join(plan.command)}`, then `sextant report sweep={results.directory.name}`\n",
-        f"{len(results.cells)} runs planned: {counts}. {seeds} seeds a cell.{exploratory}\n",
+        f"`sextant train -m {shlex.join(plan.command)}`, then `{report_command(results.directory)}`\n",
+        f"{counted(len(results.cells), 'run')} planned: {counts}. {counted(seeds, 'seed')} a cell.{exploratory}\n",
         f"A run has *diverged* if {results.measure.diverged}; the rule looks "
         "at the validation split alone and was fixed beforehand. Means and contrasts are over converged runs, with the "
         "number of others beside them; the last column of each contrast counts diverged runs too.\n",

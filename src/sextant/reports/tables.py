@@ -12,6 +12,15 @@ USUAL, WIDEST = 8, 12
 NOTHING = "–"
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "run"), counted(2, "run")
+    ('1 run', '2 runs')
+    """
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 @dataclass(frozen=True)
 class TextTable:
     """Rows of text under a heading."""
