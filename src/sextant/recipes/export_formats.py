@@ -39,7 +39,7 @@ def write_network(found: Exportable, form: Format, path: Path) -> float:
     """
     shapes = {name: {0: torch.export.Dim.DYNAMIC} for name in found.inputs}
     path.parent.mkdir(parents=True, exist_ok=True)
-    written = path.with_name(f".{path.name}.tmp")  # an earlier file stays until this one has been compared
+    written = path.with_name(f".{path.name}.tmp{path.suffix}")  # an earlier file stays until this one has been compared
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # exporters warn of what they are themselves made of
         try:
