@@ -44,6 +44,13 @@ def test_an_empty_sheet_is_named():
         digit_of(np.full((280, 280, 3), 255, np.uint8))
 
 
+@pytest.mark.parametrize("shape", [(30, 600, 3), (200, 400, 3)])
+def test_a_strip_or_panorama_is_no_digit(shape):
+    street = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    with pytest.raises(UserError, match="times as wide as high, and no digit is"):
+        digit_of(street)
+
+
 def test_both_networks_read_a_drawn_digit_clean_and_under_every_corruption(trial, tmp_path):
     Image.fromarray(drawn_seven()).save(tmp_path / "7.png")
     found = trial.answer(tmp_path / "7.png")

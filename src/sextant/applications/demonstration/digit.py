@@ -26,6 +26,8 @@ SIDE, BOX = 28, 20
 LONGEST = 400
 #: of 255: what is brighter is ink, after the paper was made black; ink spans more, or there is none
 INK, FAINT = 64, 48
+#: width over height from which it is no digit: of 20,000 of MNIST none is wider
+WIDEST = 2.0
 
 
 class DigitTrial:
@@ -97,7 +99,7 @@ def digit_of(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "28 28"]:
     """What is drawn or written in a picture, as MNIST has digits; dark on bright or bright on dark.
 
     Raises:
-        UserError: nothing is drawn in it.
+        UserError: nothing is drawn in it, or something far wider than high.
     """
     grey = np.asarray(Image.fromarray(picture).convert("L")).astype(np.float32)
     edge = np.concatenate([grey[0], grey[-1], grey[:, 0], grey[:, -1]])
@@ -108,8 +110,18 @@ def digit_of(picture: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "28 28"]:
 
 
 def centred(ink: UInt8[ndarray, "h w"]) -> UInt8[ndarray, "28 28"]:
-    """Fitted into a box of 20 pixels, its centre of mass in the middle of 28, as the digits of MNIST were."""
+    """Fitted into a box of 20 pixels, its centre of mass in the middle of 28, as the digits of MNIST were.
+
+    Raises:
+        UserError: it is far wider than high.
+    """
     rows, columns = np.nonzero(ink > INK)
+    wide = (np.ptp(columns) + 1) / (np.ptp(rows) + 1)
+    if wide >= WIDEST:
+        raise UserError(
+            f"what is seen in the picture is {wide:.1f} times as wide as high, and no digit is",
+            "Draw one digit, upright.",
+        )
     part = Image.fromarray(ink[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1])
     scale = BOX / max(part.size)
     size = (max(1, round(part.width * scale)), max(1, round(part.height * scale)))
