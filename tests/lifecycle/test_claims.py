@@ -145,6 +145,12 @@ def test_a_stored_table_of_short_runs_that_is_missing_is_refused(tmp_path):
         check_digests(CLAIMS, tmp_path / "docs")
 
 
+def test_one_claim_is_told_in_the_singular(tmp_path):
+    claims = {"demo": demo()}
+    (page,) = life.write_board(claims, Tables(stored_pairs(tmp_path, ("lenet_a", 3.0, 1.0))), "x", tmp_path)
+    assert "1 claim: 1 holds, 0 fail, 0 are undecided." in page.read_text()
+
+
 def test_an_unknown_spread_needs_no_number_of_seeds(tmp_path):
     claim = Comparison("", Estimate(1.0, math.nan, 7, 8, known=(0.0, 2.0)), "better", 0.5, "points")
     assert seeds_told(claim, "undecided", 1) == "8; how many more is not known"

@@ -1,5 +1,7 @@
 """Networks of runs as files that other programs run, for every task that has one."""
 
+import re
+
 import numpy as np
 import onnx
 import onnxruntime
@@ -18,7 +20,7 @@ from sextant.lifecycle.execute import execute
 from sextant.lifecycle.exporting import export_run
 from sextant.recipes import export_formats
 from sextant.recipes.export_formats import TOLERANCE
-from sextant.recipes.exports import exportable
+from sextant.recipes.exports import Exportable, _Named, exportable
 from sextant.runs.checkpoint import KEY
 from sextant.trained.content import read_trained
 
@@ -120,6 +122,25 @@ def test_what_filters_look_at_is_exported_and_filters_without_a_network_are_not(
                        "task.images=60", "task.filters_per_class=1", "task.test_every=8")  # fmt: skip
     with pytest.raises(UserError, match="look at images and not at a network"):
         export_run(str(plain.path), "onnx", tmp_path / "out")
+
+
+def test_the_file_that_is_compared_has_the_ending_that_torch_asks_for(tmp_path, caplog):
+    found = Exportable(_Named(torch.nn.Linear(3, 2)), {"images": torch.rand(2, 3)}, {"images": "", "out": ""})
+    assert export_formats.write_network(found, "torch_export", tmp_path / "network.pt2") <= TOLERANCE
+    assert [path.name for path in tmp_path.iterdir()] == ["network.pt2"]
+    assert not [record for record in caplog.records if "pt2" in record.getMessage()]
+
+
+def test_an_output_that_is_a_file_is_told_before_any_work(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    for verb, key, words in (
+        ("export", "output", ["run=none"]),
+        ("report", "html", ["sweep=none"]),
+        ("evaluate", "paths.outputs", ["run=none"]),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            cli.run(verb, [*words, f"{key}={tmp_path / 'file'}"])
+        assert re.search(rf"{key}=.*/file .*be written to", capsys.readouterr().err)
 
 
 def test_a_model_without_a_network_says_so(tmp_path):

@@ -125,6 +125,11 @@ def test_the_written_report(sweep):
     paths = {path.name: path for path in write_report(results)}
     text = paths["report.md"].read_text()
     assert "27 runs planned: 24 finished, 2 diverged, 1 failed, 0 missing. 9 seeds a cell.\n" in text
+    seeds = list(csv.DictReader(paths["seeds.csv"].open()))
+    assert len(seeds) == 27 * 2
+    assert {(row["arm"], row["pair"], row["value"]) for row in seeds if row["outcome"] == "failed"} == {
+        ("a", "8", "nan")
+    }
     assert "Exploratory" not in text
     assert "Of 1 published differences" in text
     rows = list(csv.DictReader(paths["contrasts.csv"].open()))
