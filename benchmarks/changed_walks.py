@@ -1,6 +1,8 @@
 """A default localizer on real walks in a changed world: ``python -m benchmarks.changed_walks seeds=8``.
 
 Maps are one image a metre along a line; odometry errs by a tenth. Judged from the sixtieth step on, each seed once.
+With ``odometry=true`` the default alone, where odometry errs alike in each step, where there is none, and standing
+still for the last forty steps.
 IE Tower's walks lead through clips of its floors, one after the other; every fifth frame is not in the map.
 """
 
@@ -30,6 +32,7 @@ KEYS = {
     "seeds": "how many; 8 unless given",
     "walks": "those whose names begin so; all unless given",
     "rows": "shrink all images to so many, and compare descriptors alone",
+    "odometry": "true: the default alone, under odometry that is worse than it was told",
 }
 CHI2_95 = 5.991  # of two dimensions
 JUDGED_FROM = 60
@@ -98,18 +101,37 @@ def variants(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]
         )  # fmt: skip
 
 
-def drive(localizer: Localizer, seen: list[ndarray], at: ndarray, seed: int) -> ndarray:
-    """The columns, for one seed; ``seen`` are descriptors."""
+def worse_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer, float | None, int]]:
+    """The default, with the share of the way that odometry reports and the steps that the robot stands at the end."""
+    made = Localizer.from_images(images, poses)
+    for name, scale, stands in (
+        ("a tenth short", 0.9, 0),
+        ("a tenth long", 1.1, 0),
+        ("no odometry", None, 0),
+        ("standing", 1.0, 40),
+    ):
+        yield name, made, scale, stands
+
+
+def drive(
+    localizer: Localizer, seen: list[ndarray], at: ndarray, seed: int, scale: float | None = 1.0, stands: int = 0
+) -> ndarray:
+    """The columns, for one seed; ``seen`` are descriptors.
+
+    Odometry reports ``scale`` of the way; None for none at all. In the last so many steps the robot ``stands``.
+    """
     localizer.reset(seed)
     rng, rows = np.random.default_rng(seed), []
-    for step, number in enumerate(range(20, len(seen))):
+    last = len(seen) - 1 - stands
+    for step, number in enumerate(min(number, last) for number in range(20, len(seen))):
         ahead, aside, turn = rng.standard_normal(3) * (0.1, 0.02, 0.005)
-        moved = at[number] - at[number - 1]
-        told = localizer.step((moved * (1 + ahead), moved * aside, moved * turn), descriptor=seen[number])
+        moved = at[number] - at[number - 1] if 20 + step <= last else 0.0
+        motion = None if scale is None else (moved * (scale + ahead), moved * aside, moved * turn)
+        told = localizer.step(motion, descriptor=seen[number])
         away = told.pose[:2] - (at[number], 0)
         inside = away @ np.linalg.solve(told.covariance[:2, :2] + 1e-12 * np.eye(2), away) < CHI2_95
         off_line = float(localizer.belief.weights[0] @ localizer.belief.poses[0, :, 1].abs())
-        if step >= JUDGED_FROM:
+        if step >= (len(seen) - 20 - stands // 2 if stands else JUDGED_FROM):
             rows.append((100 * (np.hypot(*away) <= 2), off_line, 100 * inside, 100 * told.lost, 100 * told.off_map))
     return np.mean(rows, axis=0)
 
@@ -127,11 +149,12 @@ def main() -> None:
         poses = np.zeros((len(images), 3))
         poses[:, 0] = places
         described: dict[int, tuple[KeptDescriptor, list[ndarray]]] = {}  # variants share a descriptor
-        for name, localizer in (variants if rows is None else descriptors)(images, poses):
+        made = worse_odometry if chosen.get("odometry") == "true" else variants if rows is None else descriptors
+        for name, localizer, *odometry in made(images, poses):
             key = id(localizer.descriptor)
             if key not in described:
                 described[key] = localizer.descriptor, [localizer.describe(image) for image in seen]
-            found = np.stack([drive(localizer, described[key][1], at, seed) for seed in range(seeds)])
+            found = np.stack([drive(localizer, described[key][1], at, seed, *odometry) for seed in range(seeds)])
             low, high = share_interval(found[:, 0] / 100, trials=seeds)
             mean = found.mean(0)
             first_column = f"{mean[0]:.0f} [{100 * low:.0f}, {100 * high:.0f}]"

@@ -59,18 +59,51 @@ def test_it_finds_its_way_in_another_season_whatever_the_spacing_of_the_map(stre
     assert not any(one.lost for one in found[20:])
 
 
-def test_what_an_image_teaches_counts_the_way_since_the_last_image(street, localizer):
+def test_an_image_counts_by_the_way_since_the_last_that_did(street, localizer):
     localizer.reset(0)
     localizer.step(None, street.at(street.summer, 10))
     for _ in range(4):
         localizer.step((street.step / 8, 0.0, 0.0))  # odometry comes more often than images
-    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 11))
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 10))
     assert localizer._change.images == pytest.approx(1 + 0.5)
-    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 11))  # and stands still
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 10))  # and stands still
+    localizer.step((street.step / 8, 0.0, 0.0), street.at(street.summer, 10))
     assert localizer._change.images == pytest.approx(1.5)
+    localizer.step((street.step / 4, 0.0, 0.0), street.at(street.summer, 10))  # the way adds up
+    assert localizer._change.images == pytest.approx(1.5 + 3 / 8)
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 60))  # it was carried
+    counted = localizer._change.images
+    assert counted > 1.5 + 3 / 8 + 0.5
     localizer.step(None)
-    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 12))
-    assert localizer._change.images == pytest.approx(2.5)
+    localizer.step((0.0, 0.0, 0.0), street.at(street.summer, 60))
+    assert localizer._change.images == pytest.approx(counted + 1)
+
+
+def test_a_robot_that_stands_grows_no_surer_of_what_it_sees(street, localizer):
+    localizer.reset(0)
+    image = street.at(street.winter, 33)
+    first = localizer.step(None, image)
+    told = [localizer.step((0.0, 0.0, 0.0), image) for _ in range(40)]
+    assert first.lost
+    assert told[-1].lost
+    assert told[-1].mass == pytest.approx(first.mass, abs=0.1)
+    moving, _ = street.drive(localizer, count=40)
+    assert not moving[-1].lost
+    image = street.at(street.winter, 49)
+    told = [localizer.step((0.0, 0.0, 0.0), image) for _ in range(40)]
+    assert not told[-1].lost
+    assert told[-1].sigmas[0] > 0.8 * moving[-1].sigmas[0]
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.1])
+def test_odometry_may_err_alike_in_each_step(street, localizer, scale):
+    localizer.reset(0)
+    rng, off = np.random.default_rng(0), []
+    for k in range(60):
+        motion = street.step * np.array([scale + 0.05 * rng.normal(), 0.0, 0.0])
+        told = localizer.step(motion, street.at(street.winter, 10 + k))
+        off.append(abs(told.pose[0] / street.step - 10 - k) / (told.sigmas[0] / street.step))
+    assert np.mean(np.array(off[20:]) < 2.5) > 0.8
 
 
 def test_without_support_particles_drift_to_where_no_map_is(street, localizer):

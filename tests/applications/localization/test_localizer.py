@@ -284,6 +284,9 @@ def test_a_map_of_few_images_is_one(corridor):
         ({"image": np.zeros((32, 48, 3), np.uint8), "descriptor": np.zeros(384, np.float32)}, "an image and a desc"),
         ({"motion": (np.nan, 0, 0)}, "three finite numbers"),
         ({"motion": (1, 0)}, "three finite numbers"),
+        ({"motion": "abc"}, "three finite numbers"),
+        ({"motion": (1, 0, 20)}, "turns by 20 rad, more than once round"),
+        ({"descriptor": "abc"}, "not one row of finite numbers"),
     ],
 )
 def test_a_step_that_does_not_fit_the_map_is_refused_and_changes_nothing(corridor, given, says):
@@ -304,14 +307,27 @@ def test_a_step_that_does_not_fit_the_map_is_refused_and_changes_nothing(corrido
         ({"images": np.zeros((0, 32, 48, 3), np.uint8)}, "images: there is none"),
         ({"images": np.zeros((1, 32, 48, 3), np.uint8), "poses": np.zeros((1, 3))}, "the map has one image"),
         ({"poses": [[0, 0], [1]]}, "for 80 images"),
-        ({"particles": 0}, "particles=0 must be at least 1"),
+        ({"poses": [[k, 0, 90] for k in range(80)]}, "the heading 90 of image 0 is more than twice round"),
+        ({"particles": 0}, "particles=0 must be a whole number, at least 1"),
+        ({"particles": 100.5}, r"particles=100\.5 must be a whole number"),
+        ({"lag": 2.5}, r"lag=2\.5 must be a whole number"),
+        ({"seed": 2**70}, "seed=1180591620717411303424 must be a whole number"),
+        ({"steps": -1}, "steps=-1 must be a whole number, at least 0"),
+        ({"radius": 0}, "radius=0 must be above 0 and finite"),
+        ({"descriptor": np.zeros(3)}, "descriptor=ndarray describes no images"),
         ({"start": "somewhere"}, "start=somewhere must be one of uniform, appearance"),
     ],
 )
 def test_what_makes_no_map_is_refused(corridor, change, says):
     images, poses = change.pop("images", corridor.images), change.pop("poses", corridor.poses)
     with pytest.raises(UserError, match=says):
-        Localizer.from_images(images, poses, Pixels(16, 24), kernel=KERNEL, **change)
+        Localizer.from_images(images, poses, kernel=KERNEL, **{"descriptor": Pixels(16, 24)} | change)
+
+
+@pytest.mark.parametrize("pose", [[0, 0], [np.nan, 0, 0], "abc"])
+def test_a_picture_is_asked_for_by_a_pose(corridor, pose):
+    with pytest.raises(UserError, match="three finite numbers: x, y, heading"):
+        corridor.localizer().picture_near(pose)
 
 
 def test_nothing_is_believed_before_the_first_step(corridor):

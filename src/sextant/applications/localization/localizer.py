@@ -19,6 +19,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, Float64, UInt8
 from numpy import ndarray
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor
@@ -31,6 +32,7 @@ from sextant.applications.localization.localizer_folder import (
 )
 from sextant.applications.localization.map_pictures import map_pictures
 from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
+from sextant.data.localization.odometry_file import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.localization.appearance_change import AppearanceChange
@@ -58,8 +60,8 @@ TEMPERING = 0.125
 #: lengths are taken so many times, and so much of the signal's variance is noise
 #: (which walks call for it: docs/localization.md, "In a changed world")
 SHARPER, LEFT_NOISE = 0.5, 1e-3
-#: further than that no robot moves between two images, in any unit
-FURTHEST = 1e9
+#: an image less new than that is the last one again: it tells nothing
+SAME = 0.25
 #: the kernel is fitted to at most so many images of a map, evenly spaced
 FITTED_TO = 600
 LEARNING_RATE = 0.05
@@ -142,10 +144,11 @@ class Localizer:
         pictures: UInt8[ndarray, "n h w c"] | None = None,
         lag: int = 0,
     ):
-        if lag < 0:
-            raise UserError(f"lag={lag} must be at least 0", "lag=20 keeps twenty steps")
-        if particles < 1:
-            raise UserError(f"particles={particles} must be at least 1", "For example particles=1000")
+        _check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
+        _check_whole("particles", particles, 1, "For example particles=1000")
+        _check_whole("seed", seed, 0, "For example seed=1")
+        if not 0 < radius < math.inf:
+            raise UserError(f"radius={radius} must be above 0 and finite", "For example radius=2.5, in the map's unit")
         if not isinstance(start, Initialisation) and start not in STARTS:
             raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
@@ -164,7 +167,8 @@ class Localizer:
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
         self._past: list[tuple[Belief, Tensor]] = []
-        self._change, self._way = AppearanceChange.none(self.model.map.dimension), math.inf  # since the last image
+        self._change = AppearanceChange.none(self.model.map.dimension)
+        self._counted, self._way = torch.empty(0), math.inf  # the last image that told something, and the way since
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
 
     @torch.no_grad()
@@ -244,12 +248,16 @@ class Localizer:
         return self._state.belief
 
     def picture_near(self, pose: Float64[ndarray, "3"]) -> UInt8[ndarray, "h w c"] | None:
-        """The small picture of the map's image nearest to a pose; None for a map without pictures."""
+        """The small picture of the map's image nearest to a pose; None for a map without pictures.
+
+        Raises:
+            UserError: the pose is not three finite numbers.
+        """
         if self.pictures is None:
             return None
-        return np.asarray(
-            self.pictures[int(self._near.nearest(torch.from_numpy(np.asarray(pose, np.float64))[None])[0])]
-        )
+        if (at := _numbers(pose)).shape != (3,) or not np.isfinite(at).all():
+            raise UserError(f"pose={pose} must be three finite numbers: x, y, heading", "For example a told pose.")
+        return np.asarray(self.pictures[int(self._near.nearest(torch.from_numpy(at)[None])[0])])
 
     @cached_property
     def _near(self) -> Neighbourhoods:
@@ -269,26 +277,49 @@ class Localizer:
         pixels = as_pixels(image, self.image_size)
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
 
-    def _evidence(self, seen: Tensor, *, follows: bool) -> Evidence:
-        """What an image tells; ``follows``: particles follow odometry, so that errors of consecutive images add up.
+    def _evidence(self, seen: Tensor, *, follows: bool) -> Evidence | None:
+        """What an image tells, None for the last one again.
 
-        Where motion is unknown, they spread so far between images that what the last ones told is forgotten by itself.
+        ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown,
+        they spread so far between images that what the last ones told is forgotten by itself.
         """
         if not self.adapts:
             return self.model.observe(seen[None], self.likelihood)
+        if (new := self._newness(seen)) < SAME:
+            return None
+        self._counted, self._way = seen, 0.0
         where, dimension = self.model.map, self.model.map.dimension
-        weight, self._way = min(1.0, self._way), 0.0
-        change = self._change.seen(seen, weight)
+        change = self._change.seen(seen, new)
         residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])
         if bool(residuals.squared.isfinite().all()):  # numbers near the end of their range teach nothing
-            self._change = change.exceeded(residuals, dimension, weight)
+            self._change = change.exceeded(residuals, dimension, new)
         centred = self._change.centred(seen, where.mean)[None]
         evidence = self.model.observe(centred, self._change.likelihood(self.likelihood))
-        if self._scale is None:
-            return evidence
         over_map = evidence.over_map()
-        self._scale = self._scale.seen(over_map[0], weight)
-        return ScaledEvidence(evidence, over_map, self._scale.tempering) if follows else evidence
+        if self._scale is not None:
+            self._scale = self._scale.seen(over_map[0], new)
+        scale = self._scale.tempering if self._scale is not None and follows else 1.0
+        return ScaledEvidence(evidence, over_map, scale * new)
+
+    def _newness(self, seen: Tensor) -> float:
+        """How new an image is beside the last that counted: by the way since, or by how much it changed, in [0, 1].
+
+        Both are in steps from one image of the map to the next. A robot that stands sees its mistake again and again,
+        and must not grow sure of it; one that is carried sees another place.
+        """
+        if not math.isfinite(self._way):
+            return 1.0
+        changed = float((seen - self._counted).double().square().sum())
+        return min(1.0, max(self._way, changed / self._apart if self._apart > 0 else 0.0))
+
+    @cached_property
+    def _apart(self) -> float:
+        """The squared distance between the descriptors of images of the map that lie side by side, the median."""
+        features, descriptors = self._near.features, self.model.map.descriptors
+        rows = np.unique(np.linspace(0, len(features) - 1, min(FITTED_TO, len(features))).astype(np.int64))
+        beside = cKDTree(features).query(features[rows], k=min(2, len(features)))[1].reshape(len(rows), -1)[:, -1]
+        apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(beside)]
+        return float(apart.double().square().sum(1).median())
 
     def _steps_of_map(self, moved: Tensor) -> float:
         """How much of the way from one image of the map to the next; infinite if it is unknown."""
@@ -304,7 +335,7 @@ class Localizer:
             descriptor = self.describe(image)
         if descriptor is None:
             return None
-        row = torch.from_numpy(np.array(descriptor, np.float32, ndmin=1))
+        row = torch.from_numpy(_numbers(descriptor).astype(np.float32))
         if row.ndim != 1 or not bool(row.isfinite().all()):
             raise UserError(f"the descriptor, of shape {tuple(row.shape)}, is not one row of finite numbers")
         self.model.check_dimension(row[None])
@@ -406,6 +437,7 @@ class Localizer:
         Raises:
             UserError: the images and poses do not make a map.
         """
+        _check_whole("steps", steps, 0, "steps=60")
         images = several_pixels(images)
         where = checked_poses(poses, len(images))
         kept, rows = described_map(images, descriptor)
@@ -437,7 +469,7 @@ class Localizer:
 def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
     if motion is None:
         return torch.full((3,), torch.nan, dtype=torch.float64)
-    moved = torch.from_numpy(np.array(motion, np.float64))
+    moved = torch.from_numpy(_numbers(motion))
     if moved.shape != (3,) or not bool(moved.isfinite().all()):
         raise UserError(
             f"motion={motion} must be three finite numbers: dx, dy, dtheta",
@@ -445,7 +477,25 @@ def _motion(motion: Sequence[float] | ndarray | None) -> Float64[Tensor, "3"]:
         )
     if bool((moved.abs() > FURTHEST).any()):
         raise UserError(f"motion={motion} is further than {FURTHEST:g}", "Give None where odometry cannot be trusted.")
+    if abs(float(moved[2])) > 2 * math.pi:
+        raise UserError(
+            f"motion={motion} turns by {float(moved[2]):g} rad, more than once round, in one step",
+            "dtheta is in rad: numpy.radians of degrees. Give None where odometry cannot be trusted.",
+        )
     return moved
+
+
+def _numbers(given: Any) -> Float64[ndarray, "*n"]:
+    """As an array; of what holds no numbers, one of no shape that anything has."""
+    try:
+        return np.array(given, np.float64)
+    except (TypeError, ValueError):
+        return np.empty((0, 0))
+
+
+def _check_whole(argument: str, value: int, least: int, fix: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value < 2**63:
+        raise UserError(f"{argument}={value} must be a whole number, at least {least}", fix)
 
 
 def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:

@@ -166,7 +166,7 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
     """The poses of the images of a map.
 
     Raises:
-        UserError: there is not one for each image, or all images are of one place.
+        UserError: there is not one for each image, there is one image, or headings look like degrees.
     """
     try:
         where = np.array(poses, np.float64)
@@ -176,6 +176,11 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
         raise UserError(f"poses have shape {where.shape} for {images} images", "Give x, y and heading of each image.")
     if images < 2:
         raise UserError("the map has one image, and places are told apart by at least two", "Add images.")
+    if (turned := np.abs(where[:, 2])).max() > 4 * np.pi:
+        raise UserError(
+            f"the heading {where[turned.argmax(), 2]:g} of image {turned.argmax()} is more than twice round",
+            "Poses are x, y and the heading in rad: numpy.radians of degrees.",
+        )
     return torch.from_numpy(where)
 
 
@@ -227,6 +232,11 @@ def described_map(
         kept, size = kept_network(resolve_run(str(descriptor), default_outputs()).checkpoint), NETWORK_BATCH
     else:
         chosen = WhitenedPCA(32, 48, min(128, len(images) // 2)) if descriptor is None else descriptor
+        if not hasattr(chosen, "describe"):
+            raise ArgumentError(
+                f"descriptor={type(chosen).__name__} describes no images",
+                f"A run, one of {baseline_names()}, or an object with describe(images).",
+            )
         try:
             if isinstance(chosen, PlaceDescriptor):
                 chosen.fit(images)

@@ -146,7 +146,7 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
         raise UserError(f"every={every} applies to a video; input={given} is not one", "Leave out every=.")
     folder = path if path.is_dir() else path.parent
     mine = output.resolve()
-    found = [p for p in find_photos(given, output) if not (p.name in WRITTEN and p.resolve().parent == mine)]
+    found = [p for p in find_photos(given, output) if not (p.name in WRITTEN and _of_localizing(p.parent, mine))]
     if not found:
         raise UserError(f"input={given}: no photo there", "Give a folder of photos, a video, or a ROS bag.")
     if not path.is_dir() and not path.is_file():
@@ -158,6 +158,10 @@ def find_frames(given: str, output: Path, every: int) -> Photos | Video:
     if times is not None:
         check_rising(times, names, f"input={given}")
     return Photos(folder, tuple(names), times)
+
+
+def _of_localizing(folder: Path, output: Path) -> bool:
+    return folder.resolve() == output or (folder / "poses.csv").is_file()
 
 
 def _video(path: Path, every: int) -> Video:

@@ -15,6 +15,8 @@ from sextant.errors import UserError
 
 #: widest gap in seconds that poses are interpolated over
 GAP_S = 5.0
+#: further than that no robot moves between two images, in any unit
+FURTHEST = 1e9
 #: an image this near to a pose in time has that pose
 SAME_S = 1e-3
 FIX = "Columns x,y,theta (metres, rad) or x,y,heading_deg, a row an image; or TUM: timestamp tx ty tz qx qy qz qw."
@@ -111,6 +113,16 @@ def motions_of(
     if unknown and odometry.times_s is None:
         remarks.append(f"odometry: {unknown:,} of {len(poses):,} rows are empty: motion to and from them is unknown")
     moved = between(poses[:-1], poses[1:])
+    far = np.nan_to_num(np.abs(moved).max(axis=1)) > FURTHEST
+    if far.any():
+        at = int(far.argmax())
+        raise UserError(
+            f"odometry={given} moves by {moved[at, 0]:.3g}, {moved[at, 1]:.3g} from {names[at]} to {names[at + 1]}",
+            "Leave a row empty whose odometry cannot be trusted.",
+        )
+    turned = np.nan_to_num(np.abs(poses[:, 2]))
+    if odometry.times_s is None and turned.max(initial=0) > 4 * np.pi:
+        remarks.append(f"odometry: theta reaches {turned.max():g}, and is in rad; a column heading_deg holds degrees")
     return [None, *(row if np.isfinite(row).all() else None for row in moved)], remarks
 
 
@@ -134,6 +146,8 @@ def _table(path: Path, lines: Sequence[str]) -> OdometryFile:
     rows = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
     header = [word.strip().lower() for word in rows[0]]
     if _number(header[0]) is not None:  # no header
+        if len(header) != 3:
+            raise UserError(f"odometry={path} has {len(header)} columns and no line that names them", FIX)
         header, rows = ["x", "y", "theta"], [[], *rows]
     angle = next((name for name in ("theta", "heading_deg") if name in header), None)
     if "x" not in header or "y" not in header or angle is None:

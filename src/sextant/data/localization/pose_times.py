@@ -26,9 +26,9 @@ def time_in_name(name: str) -> float | None:
 
 
 def times_of_names(paths: Sequence[Path]) -> Float64[ndarray, "n"] | None:
-    """Seconds in the names of images, or None if some name contains none."""
+    """Seconds in the names of images, or None if some name contains none, or all the same: ``cam1.0_0001.png``."""
     times = [time_in_name(path.name) for path in paths]
-    return None if None in times else np.array(times, np.float64)
+    return None if None in times or len(set(times)) == 1 < len(times) else np.array(times, np.float64)
 
 
 def times_of_file(path: Path, count: int) -> Float64[ndarray, "n"]:
