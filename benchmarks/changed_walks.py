@@ -105,6 +105,7 @@ def worse_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Local
     """The default, with the share of the way that odometry reports and the steps that the robot stands at the end."""
     made = Localizer.from_images(images, poses)
     for name, scale, stands in (
+        ("right in the mean", 1.0, 0),
         ("a tenth short", 0.9, 0),
         ("a tenth long", 1.1, 0),
         ("no odometry", None, 0),
