@@ -98,7 +98,7 @@ def test_a_digit_is_read(client):
         ("photo", [("empty.jpg", b"")], {}, "empty.jpg is empty (0 bytes)"),
         ("photo", [("film.mp4", b"\0\0\0\x18ftypmp42" + bytes(900))], {}, "film.mp4 is a video, no photo"),
         ("photo", [("cut.jpg", CHINA[:30_000])], {}, "cut.jpg cannot be read as a photo (30,000 bytes): image"),
-        ("photo", [("iPhone.HEIC", b"\0\0\0\x18ftypheic" + bytes(99))], {}, "iPhone.HEIC is .HEIC, which is not decoded"),
+        ("photo", [("iPhone.HEIC", b"\0\0\0\x18ftypheic" + bytes(99))], {}, "iPhone.HEIC is .HEIC, which is not"),
         ("photo", [("tiny.png", png(NOISE[:8, :9]))], {}, "tiny.png has 9x8 pixels; the shorter side must"),
         ("photo", [("strip.png", png(NOISE[:20, :400]))], {}, "strip.png has 400x20 pixels"),
         ("photo", [("../../etc/passwd", b"root")], {}, "cannot be read as a photo"),
