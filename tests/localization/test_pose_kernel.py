@@ -79,7 +79,8 @@ def test_it_equals_gpytorch(kernel):
     theirs = gpytorch.kernels.ScaleKernel(spatial * turning).double()
     theirs.outputscale = _double(kernel.signal_variance)
     a, b = _poses(6), _poses(5, seed=1)
-    torch.testing.assert_close(kernel(a, b), theirs(a, b).to_dense().detach(), rtol=1e-12, atol=1e-12)
+    # GPyTorch expands squared distances, which costs it a few of the last digits
+    torch.testing.assert_close(kernel(a, b), theirs(a, b).to_dense().detach(), rtol=1e-10, atol=1e-12)
 
 
 @given(kernels)
