@@ -55,6 +55,7 @@ def test_it_says_what_a_localizer_says_bit_by_bit(office, photos, tmp_path, caps
     for row, one in zip(rows, told, strict=True):
         assert float(row["x"]) == pytest.approx(one.pose[0], abs=1e-6)
         assert float(row["sigma_heading_deg"]) == pytest.approx(np.degrees(one.sigmas[2]), abs=1e-6)
+        assert float(row["off_map"]) == pytest.approx(one.off_map, abs=1e-6)
         assert row["lost"] == str(one.lost).lower()
         assert int(row["modes"]) == one.modes
     assert (tmp_path / "out" / "trajectory.png").stat().st_size > 1000

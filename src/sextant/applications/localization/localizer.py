@@ -111,8 +111,8 @@ class Localizer:
         unit: of positions.
         particles: unless their number adapts.
         adapts: learn while driving how the look of the world has changed since the map was made,
-            :class:`~sextant.localization.appearance_change.AppearanceChange`; for a likelihood that was not fitted to
-            another drive.
+            :class:`~sextant.localization.appearance_change.AppearanceChange`, and count images by how new they are; for
+            a likelihood that was not fitted to another drive.
         odds: with ``adapts``, the scale of one image's evidence, as for
             :class:`~sextant.localization.evidence_scale.EvidenceScale`; None takes the likelihood's as it is.
         start: where they are before the first image.
@@ -428,7 +428,8 @@ class Localizer:
             kernel: fitted unless given, by the joint likelihood of at most 600 of the images, and sharpened.
             observation: to be fitted; the cached local Gaussian process unless given.
             likelihood: unless given, how the world has changed and how much an image counts are learned on the way.
-            motion, recovery: of the filter; unless given, odometry that errs by a tenth, and restarts.
+            motion, recovery: of the filter; unless given, odometry that errs by three tenths of the map's spacing over
+                as long a way, and restarts.
             radius: of the mode that is reported, in metres; 2.5 times the spacing of the map unless given.
             steps: of the fit of the kernel.
             merge_duplicates: images at one pose become one.
