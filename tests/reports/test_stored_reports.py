@@ -20,6 +20,7 @@ POOLED = sorted(path.parent for path in DOCS.glob("*/**/pooled.csv"))
 #: reports of which each run's values are stored
 BY_SEED = sorted(path.parent for path in DOCS.glob("*/**/seeds.csv"))
 SWEEPS = {
+    "butterflies": "cosfire_butterflies",
     "gp_approximation_support": "gp_approximation",
     "lenet_fresh": "pushpull_lenet_fresh",
     "nordland": "localization_nordland",
