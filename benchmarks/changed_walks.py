@@ -1,8 +1,8 @@
 """A default localizer on real walks in a changed world: ``python -m benchmarks.changed_walks seeds=8``.
 
 Maps are one image a metre along a line; odometry errs by a tenth. Judged from the sixtieth step on, each seed once.
-With ``odometry=true`` the default alone, where odometry errs alike in each step, where there is none, and standing
-still for the last forty steps.
+With ``odometry=true`` the default alone: where odometry errs alike in each step, where there is none, while it stands
+still for the last forty steps, and where odometry is broken.
 IE Tower's walks lead through clips of its floors, one after the other; every fifth frame is not in the map.
 """
 
@@ -110,6 +110,9 @@ def worse_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Local
         ("a tenth long", 1.1, 0),
         ("no odometry", None, 0),
         ("standing", 1.0, 40),
+        ("half the way", 0.5, 0),
+        ("says it stands", 0.0, 0),
+        ("the wrong way", -1.0, 0),
     ):
         yield name, made, scale, stands
 

@@ -180,7 +180,7 @@ def _from_arrays(run: RunDirectory, read: Callable[[Mapping[str, ndarray]], Cont
     try:
         with np.load(run.arrays, allow_pickle=False) as arrays:
             return read(arrays)
-    except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(
             f"{run.arrays} cannot be read: {error}", f"Delete {run.path} and run the sweep again."
         ) from None

@@ -146,7 +146,6 @@ class Localizer:
     ):
         _check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
         _check_whole("particles", particles, 1, "For example particles=1000")
-        _check_whole("seed", seed, 0, "For example seed=1")
         if not 0 < radius < math.inf:
             raise UserError(f"radius={radius} must be above 0 and finite", "For example radius=2.5, in the map's unit")
         if not isinstance(start, Initialisation) and start not in STARTS:
@@ -162,8 +161,13 @@ class Localizer:
     # -- live use ------------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget where the robot is: the next step is the first. With the same seed, all goes as it went before."""
+        """Forget where the robot is: the next step is the first. With the same seed, all goes as it went before.
+
+        Raises:
+            UserError: the seed is no whole number of at least 0.
+        """
         self.seed = self.seed if seed is None else seed
+        _check_whole("seed", self.seed, 0, "For example seed=1")
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
         self._past: list[tuple[Belief, Tensor]] = []

@@ -59,9 +59,7 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
         raise ValueError("confidence is fitted to at least one set of matches, each with finite margins")
     of_right = np.concatenate([margin[right] for margin, right in sets])
     of_wrong = np.concatenate([margin[~right] for margin, right in sets])
-    if max(of_right, default=-np.inf) < min(of_wrong, default=np.inf) or max(of_wrong, default=-np.inf) < min(
-        of_right, default=np.inf
-    ):
+    if _all_below(of_right, of_wrong) or _all_below(of_wrong, of_right):
         raise ValueError(
             f"a margin parts the {len(of_right)} right matches from the {len(of_wrong)} wrong ones; a confidence can "
             "only be fitted where some wrong match has a greater margin than some right one: add sets of images"
@@ -73,6 +71,10 @@ def fit_match_confidence(sets: Sequence[tuple[Float[ndarray, "m"], Bool[ndarray,
 
     slope, offset = minimize(loss, np.zeros(2)).x
     return MatchConfidence(float(slope), float(offset))
+
+
+def _all_below(low: ndarray, high: ndarray) -> bool:
+    return not len(low) or not len(high) or bool(low.max() < high.min())
 
 
 #: of networks trained here on other scenes: ``python -m benchmarks.unseen_places run=<run>``, fitted to all of its sets
