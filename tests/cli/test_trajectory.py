@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,19 @@ def test_errors_picture_and_numbers(files, tmp_path, capsys):
     assert found["absolute_m"]["rigid"]["rmse"] == pytest.approx(0, abs=1e-9)
     with Image.open(picture) as drawn:
         assert drawn.width > 800
+
+
+def test_that_most_poses_have_no_partner_is_said(files, capsys):
+    estimate = Path(files[1])
+    lines = estimate.read_text().splitlines()
+    moved = [f"{float(line.split()[0]) + 0.05:.3f} {line.split(' ', 1)[1]}" for line in lines if line[0] != "#"]
+    estimate.write_text("\n".join(lines[:11] + moved[20:]))
+    run("trajectory", files)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "have no partner in the other, and are in none of these errors" in said
+    assert "max_gap_s=0.01" in said
+    run("trajectory", [*files, "max_gap_s=0.06"])
+    assert "no partner" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

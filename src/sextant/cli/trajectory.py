@@ -49,6 +49,12 @@ def main(arguments: Sequence[str]) -> None:
         f"{len(found.reference):,} frames in both, of {found.reference_frames:,} and {found.estimate_frames:,}; "
         f"{found.length_m:,.1f} m"
     )
+    alone = min(found.reference_frames, found.estimate_frames) - len(found.reference)
+    if alone > len(found.reference):
+        console.print(
+            f"{alone:,} poses of the shorter file have no partner in the other, and are in none of these errors. Times "
+            f"of TUM files may differ by max_gap_s={options.max_gap_s:g}."
+        )
     table = Table("error", "", "rmse", "mean", "median", "max")
     for name, unit, each in found.statistics():
         table.add_row(name, unit, *(f"{value:.4g}" for value in (each.rmse, each.mean, each.median, each.max)))

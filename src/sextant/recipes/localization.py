@@ -137,12 +137,15 @@ class LocalizationRecipe(Recipe):
             likelihood["whitening"],
             task["validation_images"],
         )
+        kernel = config.plain["kernel"]
+        sharper = kernel.get("sharper")
         return Localization(
             spec["dimension"],
-            config.plain["kernel"]["spatial"],
-            config.plain["kernel"]["ard"],
+            kernel["spatial"],
+            kernel["ard"],
             partial(build, config.plain, "observation"),
             calibration,
+            sharper=sharper and (sharper["length"], sharper["noise"]),
             objective=task["objective"],
             neighbours=task["neighbours"],
             **build_training(config, training=training),

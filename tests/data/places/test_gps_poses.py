@@ -7,7 +7,7 @@ from data.places.gps_pictures import add_gps, wgs84
 from data.places.place_pictures import write_pictures
 
 from sextant.data.photos.gps import GpsPosition, photo_gps
-from sextant.data.places.gps_poses import course_deg, gps_poses, local_poses
+from sextant.data.places.gps_poses import course_deg, drive_by_gps, gps_poses, local_poses
 from sextant.errors import ArgumentError
 
 
@@ -42,6 +42,13 @@ def test_photos_without_a_position_are_named(tmp_path):
     assert photo_gps(tmp_path / "gone.png") is None
     with pytest.raises(ArgumentError, match=r"map: 1 of 2 images have no GPS position in EXIF\n.*b\.png"):
         gps_poses([tmp_path / "a.png", tmp_path / "b.png"], "map")
+
+
+def test_the_image_at_the_origin_is_not_counted_twice(tmp_path):
+    paths = [tmp_path / name for name in ("a.png", "b.png")]
+    write_pictures(tmp_path, [path.name for path in paths])
+    with pytest.raises(ArgumentError, match="map: 2 of 2 images have no GPS position"):
+        drive_by_gps(paths, paths[0], "map", [])
 
 
 def test_the_way_along_a_circle_with_a_stop_in_noise():

@@ -12,6 +12,7 @@ from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observers import Camera
+from sextant.localization.saved_map import load_map
 from sextant.recipes.descriptors import BaselineDescriber
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
@@ -127,6 +128,16 @@ def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
     for name in ("length_x", "heading_length_rad", "signal_variance"):
         joint, other = (logged(directory, f"train/{name}")[-1] for directory in (usual, found))
         assert 0.5 < other / joint < 2
+
+
+def test_a_sharper_kernel_is_trained_alike_and_used_sharpened(run, usual):
+    overrides = ("kernel.sharper={length: 0.5, noise: 0.001}", "task.starts=1", "task.horizon=12", "task.save_map=true")
+    found = run(*overrides, *USUAL)
+    assert logged(found, "train/length_x") == logged(usual, "train/length_x")
+    kernel = load_map(found.path / "map").model.kernel
+    assert kernel.length[0] == pytest.approx(logged(usual, "train/length_x")[-1] / 2)
+    assert kernel.noise_variance <= 0.001 * kernel.signal_variance
+    assert found.results()["metrics"]["val/tempering"] != usual.results()["metrics"]["val/tempering"]
 
 
 def test_a_laser_needs_no_training(run):

@@ -38,6 +38,10 @@ def gps_poses(paths: Sequence[Path], key: str) -> list[Pose]:
     Raises:
         ArgumentError: images have no position; they are named.
     """
+    return local_poses(_positions(paths, key))
+
+
+def _positions(paths: Sequence[Path], key: str) -> "list[GpsPosition]":
     from sextant.data.photos.gps import photo_gps  # whose package imports torch
 
     found = [photo_gps(path) for path in paths]
@@ -46,7 +50,7 @@ def gps_poses(paths: Sequence[Path], key: str) -> list[Pose]:
             f"{key}: {len(without):,} of {len(paths):,} images have no GPS position in EXIF\n{problem_list(without)}",
             "Move these images out of the folder, or give positions in a table: file,x,y,heading.",
         )
-    return local_poses([each for each in found if each is not None])
+    return [each for each in found if each is not None]
 
 
 def local_poses(positions: "Sequence[GpsPosition]") -> list[Pose]:
@@ -83,7 +87,8 @@ def drive_by_gps(paths: Sequence[Path], first: Path, key: str, notes: list[str])
     Raises:
         ArgumentError: images have no position, or no direction and the drive does not move.
     """
-    rows = gps_poses([first, *paths], key)[1:]
+    positions = _positions(paths, key)
+    rows = local_poses([*_positions([first], key), *positions])[1:]
     places = np.array([(row.x, row.y) for row in rows])
     headings = [row.heading_deg for row in rows if row.heading_deg is not None]
     if len(headings) == len(rows):

@@ -68,6 +68,7 @@ class Localization(pl.LightningModule):
         dimension: of the descriptors.
         spatial: form of the kernel in position.
         ard: a length each for x and y.
+        sharper: arguments of :meth:`PoseKernel.sharpened`, for the kernel as it was trained; None uses it as it is.
         observation: makes the observation model, to be fitted.
         calibration: what is done after training.
         objective: that training maximises.
@@ -87,6 +88,7 @@ class Localization(pl.LightningModule):
         observation: Callable[[], ObservationModel],
         calibration: Calibration,
         *,
+        sharper: tuple[float, float] | None = None,
         objective: Literal["joint", "vecchia"] = "joint",
         neighbours: int = 20,
         optimizer: OptimizerFactory | None = None,
@@ -95,7 +97,7 @@ class Localization(pl.LightningModule):
     ):
         super().__init__()
         self.kernel = TrainableKernel(PoseKernel(spatial, (1.0, 1.0), 1.0, 1.0, 1.0), ard=ard)
-        self.spatial, self.ard = spatial, ard
+        self.spatial, self.ard, self.sharper = spatial, ard, sharper
         self.observation, self.calibration = observation, calibration
         self.objective, self.neighbours = objective, neighbours
         self.optimizer_factory, self.schedule = optimizer, schedule
@@ -205,6 +207,12 @@ class Localization(pl.LightningModule):
 
     # -- maps ----------------------------------------------------------------------------------------------------------
 
+    @property
+    def used_kernel(self) -> PoseKernel:
+        """The trained kernel, sharpened if so wished."""
+        trained = self.kernel.frozen()
+        return trained if self.sharper is None else trained.sharpened(*self.sharper)
+
     def whiten(self, descriptors: Float32[Tensor, "n d"]) -> Float32[Tensor, "n d"]:
         """Descriptors by the errors of the validation drives; as they are if that is not wished."""
         if not len(self.whitener):
@@ -219,7 +227,7 @@ class Localization(pl.LightningModule):
             drive: the images.
             as_it_is: which of them there are, and at which poses, after a fault.
         """
-        shown, kernel = as_it_is or drive, self.kernel.frozen()
+        shown, kernel = as_it_is or drive, self.used_kernel
         if self._fitted_map is not None and self._fitted_map[:2] == (shown, kernel):  # the same drive, not an equal one
             return self._fitted_map[2]
         descriptors = as_tensor(data.descriptors(drive))

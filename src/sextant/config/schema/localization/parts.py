@@ -187,11 +187,21 @@ class BeamModel(Observation):
 LASERS = (LikelihoodField, BeamModel)
 
 
+class Sharper(Node):
+    """What is left of a trained kernel's smoothing."""
+
+    length: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.5])
+    noise: NonNegative = Field(examples=[0.001])
+
+
 class PoseKernel(Node):
     """How alike descriptors at two poses are."""
 
+    later = ("sharper",)
+
     spatial: Literal["rbf", "matern32", "matern52"]
     ard: bool
+    sharper: Sharper | None = None
 
 
 class Likelihood(Node):
