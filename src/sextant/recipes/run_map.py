@@ -41,7 +41,7 @@ def run_localizer(
     """
     drive, protocol = data.drives.map, protocol_of(data.drives)
     model = module.fit_map(data, drive)
-    filter = settings.filter(model.map.poses, model.kernel)
+    filter = settings.filter(model.map.poses, module.kernel.frozen())
     kept = _kept(data, config)
     whitener: Tensor = module.whitener
     descriptor = replace(kept, whitener=whitener if len(whitener) else None)

@@ -7,12 +7,13 @@ import pytest
 import torch
 from tiny_office import office_cache, office_config
 
+from sextant.applications.localization.localizer import Localizer
 from sextant.cli import evaluate
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
+from sextant.localization.map_support import MapSupport
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observers import Camera
-from sextant.localization.saved_map import load_map
 from sextant.recipes.descriptors import BaselineDescriber
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
@@ -134,9 +135,12 @@ def test_a_sharper_kernel_is_trained_alike_and_used_sharpened(run, usual):
     overrides = ("kernel.sharper={length: 0.5, noise: 0.001}", "task.starts=1", "task.horizon=12", "task.save_map=true")
     found = run(*overrides, *USUAL)
     assert logged(found, "train/length_x") == logged(usual, "train/length_x")
-    kernel = load_map(found.path / "map").model.kernel
+    localizer = Localizer.load(found.path / "map")
+    kernel = localizer.model.kernel
     assert kernel.length[0] == pytest.approx(logged(usual, "train/length_x")[-1] / 2)
     assert kernel.noise_variance <= 0.001 * kernel.signal_variance
+    learnt = kernel.sharpened(2.0, 1.0)  # how far an image stands for poses beside it, it was learnt to
+    assert localizer.filter.support.reach == pytest.approx(MapSupport.of(localizer.filter.prior.poses, learnt).reach)
     assert found.results()["metrics"]["val/tempering"] != usual.results()["metrics"]["val/tempering"]
 
 
