@@ -127,7 +127,7 @@ def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
     )
     axes.add_collection(strokes, autolim=False)
     artists: list[Artist] = [dots, strokes]
-    axes.set_title(frame.title, fontsize=9)
+    axes.set_title(frame.title, fontsize=9, y=1.0)
     if len(frame.path):
         artists += axes.plot(*frame.path.T, color=TRUTH, linewidth=1.0, alpha=0.7)
     if frame.estimate is not None and frame.covariance is not None:

@@ -1,7 +1,10 @@
 """A filter as it runs, picture by picture: the particles over the map, what is seen, and what the map shows there."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, UInt8
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -61,6 +64,7 @@ class ParticleView:
         self._canvas = FigureCanvasAgg(self._figure)
         self._figure.set_dpi(PIXELS_PER_INCH)
         draw_map(self._axes, map_positions, unit, walls)
+        self._below: Any = None  # what all pictures share, once the first has placed the axes
 
     def draw(self, frame: ParticleFrame) -> UInt8[ndarray, "h w 3"]:
         """The picture of a moment; both sides have an even number of pixels, as codecs of videos need it."""
@@ -69,10 +73,26 @@ class ParticleView:
             if image is not None:
                 grey = image.shape[-1] == 1
                 artists.append(axes.imshow(image[..., 0] if grey else image, cmap="gray" if grey else None))
-        self._canvas.draw()
-        self._figure.set_layout_engine("none")  # the axes stay where the first frame puts them
+        if self._below is None:
+            self._place(artists)
+        self._canvas.restore_region(self._below)
+        renderer = self._canvas.get_renderer()
+        for artist in (*sorted(artists, key=Artist.get_zorder), self._axes.title):
+            artist.draw(renderer)
         picture = np.asarray(self._canvas.buffer_rgba())[..., :3]
         picture = np.ascontiguousarray(picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2])
         for artist in artists:
             artist.remove()
         return picture
+
+    def _place(self, artists: list[Artist]) -> None:
+        """Lay the figure out, and keep it without what changes: to draw a large map anew takes longer than all else."""
+        self._canvas.draw()
+        self._figure.set_layout_engine("none")  # the axes stay where the first frame puts them
+        changing = [*artists, self._axes.title]
+        for artist in changing:
+            artist.set_visible(False)
+        self._canvas.draw()
+        self._below = self._canvas.copy_from_bbox(self._figure.bbox)
+        for artist in changing:
+            artist.set_visible(True)
