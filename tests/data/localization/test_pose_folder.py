@@ -118,7 +118,7 @@ def test_gps_of_all_drives_is_in_the_frame_of_the_maps_first_image(tmp_path, dir
         [] if directed else ["map: 8 of 8 images", "test.run: 8 of 8 images"]
     )
     write_pictures(tmp_path / "run", names()[:2])  # without GPS
-    with pytest.raises(UserError, match=r"test.run: 2 of 9 images have no GPS position(.|\n)*1000.25.png"):
+    with pytest.raises(UserError, match=r"test.run: 2 of 8 images have no GPS position(.|\n)*1000.25.png"):
         PoseFolder(str(tmp_path), poses="gps").read()
 
 
