@@ -167,6 +167,16 @@ def test_a_gif_and_a_video_show_the_same(tmp_path):
             assert np.abs(np.asarray(animation.convert("RGB")) - film).mean() < 4
 
 
+def test_an_image_keeps_its_shape_if_the_first_frames_have_none():
+    view = ParticleView(MAP, seen=True)
+    view.draw(moment(0))
+    for height, width in ((20, 60), (60, 20)):
+        green = np.zeros((height, width, 3), np.uint8) + np.array([0, 255, 0], np.uint8)
+        shown = (view.draw(replace(moment(1), seen=green)) == [0, 255, 0]).all(axis=2)
+        rows, columns = (np.ptp(np.flatnonzero(shown.any(axis=other))) + 1 for other in (1, 0))
+        assert columns / rows == pytest.approx(width / height, rel=0.1)
+
+
 def test_a_gif_shows_the_particles_of_its_frame_alone(tmp_path):
     """The second frame has none of the first one's dots left: it equals an animation of that frame alone."""
     kwargs = {"width": 4.0}

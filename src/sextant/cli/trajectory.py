@@ -52,8 +52,8 @@ def main(arguments: Sequence[str]) -> None:
     alone = min(found.reference_frames, found.estimate_frames) - len(found.reference)
     if alone > len(found.reference):
         console.print(
-            f"{alone:,} poses of the shorter file have no partner in the other, and are in none of these errors. Times "
-            f"of TUM files may differ by max_gap_s={options.max_gap_s:g}."
+            f"{alone:,} poses of the shorter file have no partner in the other, and are in none of these errors. Poses "
+            f"of TUM files are partners if their times differ by at most max_gap_s={options.max_gap_s:g}."
         )
     table = Table("error", "", "rmse", "mean", "median", "max")
     for name, unit, each in found.statistics():

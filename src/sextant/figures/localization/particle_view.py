@@ -73,6 +73,7 @@ class ParticleView:
             if image is not None:
                 grey = image.shape[-1] == 1
                 artists.append(axes.imshow(image[..., 0] if grey else image, cmap="gray" if grey else None))
+                axes.apply_aspect()  # this image's, if earlier ones had another or there was none
         if self._below is None:
             self._place(artists)
         self._canvas.restore_region(self._below)

@@ -188,7 +188,12 @@ LASERS = (LikelihoodField, BeamModel)
 
 
 class Sharper(Node):
-    """What is left of a trained kernel's smoothing."""
+    """How a kernel is sharpened once it is trained.
+
+    Attributes:
+        length: what its lengths in x and y are multiplied by.
+        noise: its noise variance at most, as a share of the signal's.
+    """
 
     length: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.5])
     noise: NonNegative = Field(examples=[0.001])
