@@ -25,6 +25,7 @@ from sextant.applications.kept_descriptor import named_baseline
 from sextant.cli.arguments import parse_arguments
 from sextant.data.localization import as_localization_source
 from sextant.data.worlds import OfficeWalk
+from sextant.errors import UserError
 from sextant.evaluation import mean_interval, share_interval
 from sextant.evaluation.protocols import OFFICE_LOCALIZATION
 from sextant.figures.style import COLOURS, new_figure, save_figure
@@ -51,19 +52,28 @@ def office(seed: int, folder: Path, beams: int = 8):
 
 
 def clicks(image: ndarray) -> list[tuple[float, float]]:
-    """Where somebody might point at."""
+    """Where somebody might point at; nowhere on a bare wall."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     inside = np.zeros_like(grey)
     inside[12:-12, 12:-12] = 255
     found = cv2.goodFeaturesToTrack(grey, CLICKS, 0.01, 16, mask=inside)
-    return [tuple(point) for point in found[:, 0].tolist()]
+    return [] if found is None else [tuple(point) for point in found[:, 0].tolist()]
+
+
+def has_landmarks(image: ndarray) -> bool:
+    """Whether there is something to point at, strong enough for filters."""
+    try:
+        return Landmarks(image, clicks(image), None).responses(image[None]).size > 0
+    except UserError:
+        return False
 
 
 def landmarks(images: ndarray, photos: int, beside: str | None) -> Landmarks:
-    """Those of some photos, evenly taken."""
-    chosen = [images[round(at)] for at in (np.arange(photos) + 0.5) / photos * (len(images) - 1)]
-    made = Landmarks(chosen[0], clicks(chosen[0]), beside)
-    for photo in chosen[1:]:
+    """Those of some photos, evenly taken; the next one that has landmarks stands in for one that has none."""
+    evenly = [round(at) for at in (np.arange(photos) + 0.5) / photos * (len(images) - 1)]
+    first, *others = (next(filter(has_landmarks, np.roll(images, -at, axis=0))) for at in evenly)
+    made = Landmarks(first, clicks(first), beside)
+    for photo in others:
         made.add(photo, clicks(photo))
     return made
 
@@ -166,18 +176,25 @@ def draw(data, path: Path) -> None:
     save_figure(figure, path.parent, path.stem)
 
 
+def save(rows: list[dict], path: Path) -> None:
+    """The results so far, a line each."""
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
 def main() -> None:
     """Measure all seeds."""
     given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.landmarks seeds=8 csv=clicks.csv")
     with tempfile.TemporaryDirectory() as folder:
         if "figure" in given:
             return draw(office(0, Path(folder)), Path(given["figure"]))
-        rows = [row for seed in range(int(given.get("seeds", 8))) for row in one_seed(seed, Path(folder))]
-    if "csv" in given:
-        with Path(given["csv"]).open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+        rows: list[dict] = []
+        for seed in range(int(given.get("seeds", 8))):
+            rows += one_seed(seed, Path(folder))
+            if "csv" in given:
+                save(rows, Path(given["csv"]))
     table = Table("light", "descriptor", *(head for name in MEASURES for head in (name, "difference")))
     for line in summary(rows):
         table.add_row(*line)

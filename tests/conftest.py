@@ -63,6 +63,15 @@ def cache_of_weights(tmp_path_factory):
     os.environ["SEXTANT_CACHE"] = str(tmp_path_factory.mktemp("cache"))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def composed_once():
+    """Tests of one process read the config files of each choice of options once."""
+    from sextant.composing.compose import composing_many
+
+    with composing_many():
+        yield
+
+
 @pytest.fixture(scope="session")
 def office(tmp_path_factory):
     """A finished run in a small office, and a drive in it."""

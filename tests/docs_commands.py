@@ -1,4 +1,4 @@
-"""The commands that README and docs tell, and whether each would be understood."""
+"""The commands that README, docs and the cards of the zoo tell, and whether each would be understood."""
 
 import ast
 import re
@@ -38,6 +38,7 @@ from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes import recipe_of
+from sextant.zoo import model_file, names, read_card
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
@@ -80,9 +81,17 @@ def commands_of(page: str, text: str) -> list[Command]:
     return [Command(page, command) for command in dict.fromkeys(found) if command]
 
 
+def commands_of_card(name: str) -> list[Command]:
+    """How a model of the zoo was trained, and what measures it."""
+    card = read_card(model_file(f"zoo:{name}"))
+    trained = card["command"] if isinstance(card["command"], list) else [card["command"]]
+    return [Command(f"{name}.json", text) for text in [*trained, card["metrics"]["command"]]]
+
+
 def documented() -> list[Command]:
-    """The commands of all pages; one that several tell counts for the first."""
+    """The commands of all pages and cards; one that several tell counts for the first."""
     found = [command for page in PAGES for command in commands_of(page.name, page.read_text())]
+    found += [command for name in names() for command in commands_of_card(name)]
     return list({command.text: command for command in reversed(found)}.values())[::-1]
 
 
