@@ -5,7 +5,6 @@ image regions that differ most from their surroundings (Shi and Tomasi), three o
 eight. Shares are means over seeds with Korn and Graubard's intervals, differences paired, with t intervals.
 """
 
-import csv
 import math
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from benchmarks.machine import describe_machine
 from sextant import Localizer
 from sextant.applications.detection.landmarks import Landmarks
 from sextant.applications.kept_descriptor import named_baseline
+from sextant.atomic_files import write_csv
 from sextant.cli.arguments import parse_arguments
 from sextant.data.localization import as_localization_source
 from sextant.data.worlds import OfficeWalk
@@ -176,14 +176,6 @@ def draw(data, path: Path) -> None:
     save_figure(figure, path.parent, path.stem)
 
 
-def save(rows: list[dict], path: Path) -> None:
-    """The results so far, a line each."""
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def main() -> None:
     """Measure all seeds."""
     given = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.landmarks seeds=8 csv=clicks.csv")
@@ -194,7 +186,7 @@ def main() -> None:
         for seed in range(int(given.get("seeds", 8))):
             rows += one_seed(seed, Path(folder))
             if "csv" in given:
-                save(rows, Path(given["csv"]))
+                write_csv(Path(given["csv"]), list(rows[0]), rows)
     table = Table("light", "descriptor", *(head for name in MEASURES for head in (name, "difference")))
     for line in summary(rows):
         table.add_row(*line)

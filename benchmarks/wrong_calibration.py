@@ -23,6 +23,7 @@ from benchmarks.machine import describe_machine
 from sextant import Localizer, PhotoCalibrator
 from sextant.applications.pixels import as_pixels
 from sextant.applications.walks.shared_camera import SharedCamera, shared_view
+from sextant.atomic_files import write_csv
 from sextant.baselines import Hog
 from sextant.cli.arguments import parse_arguments
 from sextant.data.localization.motions import motions_along
@@ -237,12 +238,11 @@ def main() -> None:
             rows = list(csv.DictReader(file))
     else:
         calibrator = PhotoCalibrator.load()
-        rows = [row for seed in range(int(given.get("seeds", 8))) for row in one_seed(seed, calibrator)]
-    if "csv" in given:
-        with Path(given["csv"]).open("w", newline="") as file:
-            writer = csv.DictWriter(file, ["seed", "drive", "descriptor", "belief", "focal_error", *MEASURES])
-            writer.writeheader()
-            writer.writerows(rows)
+        rows = []
+        for seed in range(int(given.get("seeds", 8))):
+            rows += one_seed(seed, calibrator)
+            if "csv" in given:
+                write_csv(Path(given["csv"]), ["seed", "drive", "descriptor", "belief", "focal_error", *MEASURES], rows)
     if "figure" in given:
         draw(rows, Path(given["figure"]))
     table = Table("drive", "descriptor", "believed", *(head for name in MEASURES for head in (name, "difference")))

@@ -68,7 +68,7 @@ def _composed(overrides: Sequence[str], name: str) -> DictConfig:
     parsed = parse(overrides)
     values = [each for each in parsed if each.key not in known and not each.key.startswith("hydra")]
     choices = [each.text for each in parsed if each not in values]
-    if (key := (str(conf_dir()), name, *choices)) not in kept:
+    if (key := (name, *choices)) not in kept:
         kept[key] = hydra_compose(name, overrides=choices)
     config = deepcopy(kept[key])
     ConfigLoaderImpl._apply_overrides_to_config([each.parsed for each in values], config)
