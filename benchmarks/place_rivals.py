@@ -42,7 +42,7 @@ def rivals(images: ImageSet) -> Iterator[tuple[str, PlaceSet]]:
             continue
         yield name, _set(images, reference, query)
         if "stage 4" in name or "stage 6" in name:
-            pca = whitening(reference, min(COMPONENTS, len(reference) - 1, reference.shape[1]), "full")
+            pca = whitening(reference, min(COMPONENTS, len(reference) - 1, reference.shape[1]))
             yield f"{name}, whitened", _set(images, *(pca.transform(part) for part in (reference, query)))
     yield f"stage {VLAD_STAGE}, NetVLAD", _set(images, *_vlad(*features["cells"]))
 

@@ -67,9 +67,7 @@ class NetworkLayer(PlaceDescriptor):
             ValueError: the images span fewer than ``dimensions`` directions.
         """
         if self.dimensions is not None:
-            rows = self._rows(images)
-            many = rows.shape[1] <= len(rows)
-            self.pca_ = whitening(rows, self.dimensions, "covariance_eigh" if many else "full")
+            self.pca_ = whitening(self._rows(images), self.dimensions)
         return self
 
     def describe(self, images: UInt8[ndarray, "n h w c"]) -> Float32[ndarray, "n d"]:
