@@ -5,3 +5,9 @@ document.querySelectorAll("pre > code").forEach((block) => {
   focusable();
   new MutationObserver(focusable).observe(block, { attributeFilter: ["tabindex"] }); // the theme takes it away
 });
+const scrollable = () =>
+  document.querySelectorAll(".md-typeset__scrollwrap").forEach((table) => {
+    table.scrollWidth > table.clientWidth ? (table.tabIndex = 0) : table.removeAttribute("tabindex");
+  });
+addEventListener("resize", scrollable);
+new MutationObserver(scrollable).observe(document.body, { childList: true, subtree: true }); // the theme wraps tables late

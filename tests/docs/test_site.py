@@ -47,3 +47,13 @@ def test_the_front_page_shows_its_pictures_and_asks_no_other_host(address, tmp_p
         assert tab.run("document.images.length") >= 6
         assert [request for request in tab.requests if not request.startswith((address, "data:"))] == []
         assert [(complaint.get("text"), complaint.get("url")) for complaint in tab.complaints] == []
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
+def test_what_is_wider_than_a_page_is_scrolled_by_keys(address, tmp_path):
+    with chromium(tmp_path) as tab:
+        tab.open(f"{address}push_pull/digits_weather/report.html")
+        tab.run("new Promise((then) => setTimeout(then, 500))")
+        wide = "[...document.querySelectorAll('.md-typeset__scrollwrap')].filter((t) => t.scrollWidth > t.clientWidth)"
+        assert tab.run(f"{wide}.length") > 0
+        assert tab.run(f"{wide}.filter((t) => t.tabIndex !== 0).length") == 0

@@ -68,7 +68,7 @@ def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
 def test_a_sweep_of_two_workers_killed_again_and_again_ends_as_if_it_had_not_been(tmp_path):
     outputs, whole = tmp_path / "killed", tmp_path / "whole"
     choices = [(f"inhibition={kind}", f"seed={seed}") for kind in ("none", "push_pull") for seed in (0, 1)]
-    epochs = "trainer.max_epochs=30"
+    epochs = "trainer.max_epochs=12"
     expected = {}
     for choice in choices:
         results = RunDirectory(execute(quick_config(whole, epochs, "tracking=none", *choice)).directory).results()
@@ -107,7 +107,7 @@ def test_a_sweep_of_two_workers_killed_again_and_again_ends_as_if_it_had_not_bee
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_ctrl_c_ends_a_run_as_killed_and_the_same_command_resumes_it(tmp_path):
-    command = [sys.executable, "train.py", *QUICK, "trainer.max_epochs=400", "trainer.progress=true"]
+    command = [sys.executable, "train.py", *QUICK, "trainer.max_epochs=40", "trainer.progress=true"]
     environment = {**os.environ, "SEXTANT_OUTPUTS": str(tmp_path)}
     process = subprocess.Popen(
         command,
@@ -132,5 +132,5 @@ def test_ctrl_c_ends_a_run_as_killed_and_the_same_command_resumes_it(tmp_path):
     assert "resuming from" in again.stdout
     assert "💡" not in again.stdout + again.stderr
     assert "test/accuracy/clean" in again.stdout
-    assert directory.results()["epochs"] == 400
+    assert directory.results()["epochs"] == 40
     assert [run.info.status for run in tracked(tmp_path)] == ["FINISHED"]
