@@ -47,6 +47,22 @@ def test_headings_at_one_place_are_told_apart_by_half_their_turn():
     assert map_spacing(poses_at((1.0, 2.0, 3.0))) == 1.0
 
 
+@pytest.mark.parametrize(
+    ("headings", "reach"),
+    [
+        ((-170, 170), 10),
+        ((-175, 165), 10),
+        ((0, 360), 10),
+        ((350, 25, 60), 17.5),
+        ((0, 90, 180, 270), 45),
+        ((-90, 90), 90),
+    ],
+)
+def test_headings_go_round(headings, reach):
+    poses = poses_at(*[(3.0 * i, 0.0, math.radians(turn)) for i in range(3) for turn in headings])
+    assert math.degrees(heading_reach(poses)) == pytest.approx(reach)
+
+
 def test_the_share_of_the_map_is_one_between_its_images_and_falls_to_the_sides():
     support = MapSupport.of(line(step=2.0))
     assert support.reach == pytest.approx(1.0)

@@ -2,7 +2,6 @@
 
 import warnings
 from dataclasses import dataclass
-from itertools import product
 from typing import Literal, get_args
 
 import numpy as np
@@ -59,42 +58,31 @@ class LinearSVM:
         Raises:
             ValueError: all images are of one class.
         """
+        return cls._fit(_Scaled.of(features, scaling), labels, count, c, seed)
+
+    @classmethod
+    def _fit(cls, images: "_Scaled", labels: Int64[ndarray, "n"], count: int, c: float, seed: int) -> "LinearSVM":
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.svm import LinearSVC
 
         present = np.unique(labels)
         if len(present) < 2:
             raise ValueError("an SVM needs images of at least two classes")
-        features = _at_unit_length(features) if scaling == "unit" else features
-        mean, deviation = features.mean(0), features.std(0)
-        # features that differ only by rounding would be inflated by their own deviation
-        differs = deviation > 1e-6 * np.abs(features).max(0)
-        if not differs.any():
-            deviation = np.ones_like(deviation)
-        elif scaling == "each":
-            deviation = deviation * np.sqrt(differs.sum())
-        else:
-            deviation = np.full_like(deviation, np.sqrt(np.square(deviation[differs]).sum()))
-        deviation = np.where(differs, deviation, np.inf)
-        scaled = (features - mean) / deviation
-        # weights are sums of images: with few images of many features the SVM needs only their inner products
-        basis = np.linalg.qr(scaled.T)[0] if FEWER * len(features) < features.shape[1] else None
-        seen = scaled if basis is None else scaled @ basis
         svm = LinearSVC(C=c, random_state=seed, max_iter=5000, dual=True, tol=TOLERANCE)
         with warnings.catch_warnings():
             # little is left to gain after so many iterations, and validation images judge the result
             warnings.simplefilter("ignore", ConvergenceWarning)
             # some classes are known from a single image
             warnings.filterwarnings("ignore", "The number of unique classes", UserWarning)
-            svm.fit(seen, labels)
-        found = (svm.coef_ if basis is None else svm.coef_ @ basis.T) / deviation
-        offsets = svm.intercept_ - found @ mean
+            svm.fit(images.seen, labels)
+        found = (svm.coef_ if images.basis is None else svm.coef_ @ images.basis.T) / images.deviation
+        offsets = svm.intercept_ - found @ images.mean
         if len(present) == 2:  # one SVM separates two classes
             found, offsets = np.concatenate([-found, found]), np.concatenate([-offsets, offsets])
-        weights = np.zeros((count, features.shape[1]))
+        weights = np.zeros((count, found.shape[1]))
         bias = np.full(count, -np.inf)
         weights[present], bias[present] = found, offsets
-        return cls(weights, bias, c, scaling)
+        return cls(weights, bias, c, images.scaling)
 
     @classmethod
     def choose(
@@ -114,7 +102,11 @@ class LinearSVM:
         features, labels = validation
         if not len(labels):
             raise ValueError("without validation images give a single C and a single scaling")
-        svms = [cls.fit(*train, count, c, seed, scaling) for scaling, c in product(scalings, sorted(c_values))]
+        svms = [
+            cls._fit(images, train[1], count, c, seed)
+            for images in (_Scaled.of(train[0], scaling) for scaling in scalings)
+            for c in sorted(c_values)
+        ]
         right = [float((svm.scores(features).argmax(1) == labels).mean()) for svm in svms]
         return svms[int(np.argmax(right))]
 
@@ -128,3 +120,32 @@ def _at_unit_length(features: Float[ndarray, "n d"]) -> Float[ndarray, "n d"]:
     """Rows of norm 1; zeros stay zeros."""
     length = np.linalg.norm(features, axis=1, keepdims=True)
     return features / np.where(length > 0, length, 1.0)
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    """Images as an SVM sees them: centred and scaled, by their coordinates in ``basis`` where they are few."""
+
+    seen: Float[ndarray, "n k"]
+    basis: Float[ndarray, "d k"] | None
+    mean: Float[ndarray, "d"]
+    deviation: Float[ndarray, "d"]
+    scaling: Scaling
+
+    @classmethod
+    def of(cls, features: Float[ndarray, "n d"], scaling: Scaling) -> "_Scaled":
+        features = _at_unit_length(features) if scaling == "unit" else features
+        mean, deviation = features.mean(0), features.std(0)
+        # features that differ only by rounding would be inflated by their own deviation
+        differs = deviation > 1e-6 * np.abs(features).max(0)
+        if not differs.any():
+            deviation = np.ones_like(deviation)
+        elif scaling == "each":
+            deviation = deviation * np.sqrt(differs.sum())
+        else:
+            deviation = np.full_like(deviation, np.sqrt(np.square(deviation[differs]).sum()))
+        deviation = np.where(differs, deviation, np.inf)
+        scaled = (features - mean) / deviation
+        # weights are sums of images: with few images of many features the SVM needs only their inner products
+        basis = np.linalg.qr(scaled.T)[0] if FEWER * len(features) < features.shape[1] else None
+        return cls(scaled if basis is None else scaled @ basis, basis, mean, deviation, scaling)

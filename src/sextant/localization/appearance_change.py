@@ -37,6 +37,13 @@ class AppearanceChange:
         mean: :math:`\\bar z`, of descriptors.
         excess: mean of what exceeds the predicted variance.
         images: n, by weight.
+
+    Example:
+        >>> change, bright = AppearanceChange.none(2), torch.tensor([6.0, 0.0])
+        >>> for _ in range(5):  # a drive that is brighter everywhere than the map, whose mean is 0
+        ...     change = change.seen(bright, weight=1.0)
+        >>> change.centred(bright, map_mean=torch.zeros(2))  # after five images half of the change is believed
+        tensor([3., 0.])
     """
 
     mean: Float64[Tensor, " d"]

@@ -25,6 +25,14 @@ class AppearanceProposal:
         log_evidence: :math:`\log Z`.
         images: N.
         rows: which images are in C; None for all.
+
+    Example:
+        >>> proposal = AppearanceProposal.of(torch.tensor([[0.5, 0.0, 0.25, 0.25]], dtype=torch.float64).log())
+        >>> proposal.log_evidence.exp()  # the mean over the map
+        tensor([0.2500], dtype=torch.float64)
+        >>> rows, _ = proposal.draw(4, torch.Generator())
+        >>> rows  # stratified: in proportion, and never the second image
+        tensor([[0, 0, 2, 3]])
     """
 
     log_scores: Float64[Tensor, "r c"]

@@ -15,6 +15,12 @@ class Belief:
     Attributes:
         poses: x, y in metres and heading in rad.
         log_weights: :math:`\log W`, normalised in each run; -inf marks a particle that stands for nothing.
+
+    Example:
+        >>> poses = torch.zeros(1, 4, 3, dtype=torch.float64)
+        >>> belief = Belief.of(poses, torch.tensor([[3.0, 3.0, 0.0, 0.0]], dtype=torch.float64).log())
+        >>> belief.weights.round(decimals=4).tolist(), belief.ess().round(decimals=4).tolist()  # two of four count
+        ([[0.5, 0.5, 0.0, 0.0]], [2.0])
     """
 
     poses: Float64[Tensor, "r p 3"]

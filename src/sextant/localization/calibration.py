@@ -39,6 +39,16 @@ def error_whitening(errors: Float[Tensor, "v d"], shrinkage: float = SHRINKAGE) 
 
     Raises:
         ValueError: there is no error, all are zero, or the shrinkage is not in (0, 1].
+
+    Example:
+        >>> errors = torch.tensor([[2.0, 0.0], [-2.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        >>> errors.square().mean(0)
+        tensor([2.0000, 0.5000])
+        >>> (errors.double() @ error_whitening(errors, shrinkage=1e-9)).square().mean(0)  # the same sum, shared
+        tensor([1.2500, 1.2500], dtype=torch.float64)
+        >>> error_whitening(errors, shrinkage=1.0).round(decimals=4) + 0.0  # takes all directions for alike
+        tensor([[1., 0.],
+                [0., 1.]], dtype=torch.float64)
     """
     if not 0 < shrinkage <= 1:
         raise ValueError(f"shrinkage={shrinkage} must be in (0, 1]")
@@ -53,7 +63,15 @@ def error_whitening(errors: Float[Tensor, "v d"], shrinkage: float = SHRINKAGE) 
 
 
 def appearance_noise(squared: Float[Tensor, " v"], variance: Float[Tensor, " v"], dimension: int) -> float:
-    r""":math:`\sigma_a^2` from squared errors at the true poses, and the variances predicted there."""
+    r""":math:`\sigma_a^2` from squared errors at the true poses, and the variances predicted there.
+
+    Example:
+        >>> squared, variance = torch.tensor([2.0, 4.0]), torch.tensor([0.5, 0.5])
+        >>> appearance_noise(squared, variance, dimension=2)  # 3 / 2 in a dimension, 1 more than was predicted
+        1.0
+        >>> appearance_noise(squared, 4 * variance, dimension=2)  # the predictions were modest enough
+        0.0
+    """
     return max(0.0, float(squared.mean()) / dimension - float(variance.mean()))
 
 
@@ -67,12 +85,25 @@ def tempered(likelihood: Likelihood, scores: Float[Tensor, "v n"], positives: Po
 
     Raises:
         ValueError: no validation image has a positive, or all scores are equal.
+
+    Example:
+        >>> places = Positives.from_lists([[0], [0], [0], [1]], references=2)
+        >>> scores = torch.tensor([[10.0, 0.0]]).repeat(4, 1)  # 10 nats for the first image, which is right in 3 of 4
+        >>> f"{tempered(Likelihood(), scores, places).tempering:.2f}"  # 1.1 nats are enough: ln 3, which gives it 3/4
+        '0.11'
     """
     return replace(likelihood, tempering=min(1.0, 1 / fit_temperature(_array(scores), positives)))
 
 
 def posterior(scores: Float[Tensor, "v n"], positives: Positives, tempering: float) -> PlacePosterior:
-    """The posterior over map images at a tempering; see :mod:`sextant.evaluation.places.posterior`."""
+    """The posterior over map images at a tempering; see :mod:`sextant.evaluation.places.posterior`.
+
+    Example:
+        >>> place, scores = Positives.from_lists([[0]], references=2), torch.tensor([[3.0, 1.0]]).log()
+        >>> likely = [posterior(scores, place, tempering).nll for tempering in (1.0, 1e-6)]
+        >>> [f"{np.exp(-nll):.2f}" for nll in likely]  # 3/4 for the right one of two; with hardly a difference, 1/2
+        ['0.75', '0.50']
+    """
     return place_posterior(_array(scores), positives, 1 / tempering)
 
 

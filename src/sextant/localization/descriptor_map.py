@@ -24,6 +24,12 @@ class DescriptorMap:
         poses: x, y in metres and heading in rad; no two rows alike when made by :meth:`of`.
         descriptors: of the images taken there; may be a view of a mapped file.
         mean: of the descriptors: what a Gaussian process falls back to far from the map.
+
+    Example:
+        >>> poses = torch.tensor([[0.0, 0, 0], [0, 0, 0], [5, 0, 0]], dtype=torch.float64)
+        >>> places = DescriptorMap.of(poses, torch.tensor([[1.0], [3.0], [8.0]]), merge_duplicates=True)
+        >>> len(places), places.descriptors.flatten().tolist(), places.mean.tolist()  # the first two are one place
+        (2, [2.0, 8.0], [5.0])
     """
 
     poses: Float64[Tensor, "n 3"]
@@ -105,6 +111,11 @@ def mean_of_blocks(blocks: Iterable[Float32[Tensor, "_ d"]]) -> Float32[Tensor, 
 
     Raises:
         ValueError: there is no block.
+
+    Example:
+        >>> rows = torch.tensor([[1.0, 0.0], [2.0, 0.0], [6.0, 3.0]])
+        >>> mean_of_blocks(rows.split(2))  # of all rows, not of the blocks' means
+        tensor([3., 1.])
     """
     total, count = torch.zeros((), dtype=torch.float64), 0
     for rows in blocks:

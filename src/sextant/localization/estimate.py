@@ -59,6 +59,12 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
 
     Raises:
         ValueError: a radius is not above 0.
+
+    Example:
+        >>> poses = torch.tensor([[[0.0, 0, 0], [0.2, 0, 0], [0.4, 0, 0], [9, 0, 0]]], dtype=torch.float64)
+        >>> found = estimate(Belief.uniform(poses), radius=1.0)
+        >>> found.pose.round(decimals=4).tolist(), f"{found.mass[0]:.2f}", found.modes.tolist()  # without that at 9 m
+        ([[0.2, 0.0, 0.0]], '0.75', [2])
     """
     if not (radius > 0 and heading_radius > 0):
         raise ValueError(f"radius={radius} and heading_radius={heading_radius} must be above 0")
@@ -79,7 +85,16 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
 
 
 def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tensor, "r 3 3"]]:
-    r"""Mean and covariance over all particles, with the heading's mean :math:`\arg \sum_i W_i e^{i\theta_i}`."""
+    r"""Mean and covariance over all particles, with the heading's mean :math:`\arg \sum_i W_i e^{i\theta_i}`.
+
+    Example:
+        >>> poses = torch.tensor([[[0.0, 0, 0.3], [4, 0, 2 * math.pi - 0.1]]], dtype=torch.float64)
+        >>> mean, covariance = mean_over_all(Belief.uniform(poses))
+        >>> mean.round(decimals=4).tolist()  # headings of 0.3 and -0.1
+        [[2.0, 0.0, 0.1]]
+        >>> covariance[0].diagonal().round(decimals=4).tolist()
+        [4.0, 0.0, 0.04]
+    """
     poses, weights = belief.poses, belief.weights
     heading = torch.atan2((weights * poses[..., 2].sin()).sum(1), (weights * poses[..., 2].cos()).sum(1))
     pose = torch.cat([_mean(weights, poses[..., :2]), wrap_angle(heading)[:, None]], dim=1)

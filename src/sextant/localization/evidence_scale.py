@@ -82,6 +82,15 @@ class ScaledEvidence(Evidence):
         evidence: to be tempered.
         over_map: its log-likelihoods at the images of the map, which are known.
         tempering: that they are multiplied by.
+
+    Example:
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> scaled = ScaledEvidence(AtTen(), AtTen().over_map(), tempering=0.25)
+        >>> scaled.log_likelihood(line[None, 6:10]).tolist()  # a quarter of -16, -9, -4 and -1
+        [[-4.0, -2.25, -1.0, -0.25]]
     """
 
     def __init__(self, evidence: Evidence, over_map: Float64[Tensor, "r n"], tempering: float):

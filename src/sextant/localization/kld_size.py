@@ -37,6 +37,13 @@ class KLDSize:
 
     Raises:
         UserError: an argument is outside of what is allowed.
+
+    Example:
+        >>> size = KLDSize(minimum=100, maximum=10_000)
+        >>> size.wanted(torch.tensor([1, 100, 10_000])).tolist()  # of boxes that are occupied
+        [100, 1347, 10000]
+        >>> size.for_poses(torch.zeros(1, 5000, 3, dtype=torch.float64))  # all in one place: few are enough
+        tensor([100])
     """
 
     epsilon: float = 0.05

@@ -76,6 +76,20 @@ def localize(
         radius: of the mode that is reported, in the unit of the map.
         watch: sees every belief.
         progress: called with steps done and steps in all.
+
+    Example:
+        >>> from sextant.localization import initialisation, map_prior, motion, recovery, resampling
+        >>> from sextant.localization.laser.scan_evidence import ScanEvidence
+        >>> class Metres(Observer):  # frame k looks like the place at k metres
+        ...     observe = lambda self, frames: ScanEvidence(lambda at: -10 * (at[..., 0] - frames[:, None]) ** 2, line)
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
+        >>> moves, prior = motion.ExponentialMotion(), map_prior.MapPrior(line, 0.5, 0.1)
+        >>> filter = ParticleFilter(moves, resampling.SystematicResampling(), recovery.NoRecovery(), prior)
+        >>> start, draws = initialisation.UniformStart(), torch.Generator().manual_seed(0)  # anywhere on the map
+        >>> frames, steps = np.array([[2], [3], [4]]), np.tile([1.0, 0.0, 0.0], (3, 1, 1))  # a metre ahead each time
+        >>> track = localize(filter, start, Metres(), frames, steps, frames > 0, draws, particles=1000, radius=1.0)
+        >>> track.pose[:, 0, 0].round()
+        array([2., 3., 4.])
     """
     steps = len(frames)
     columns: dict[str, list[Tensor]] = {}

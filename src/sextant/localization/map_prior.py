@@ -33,6 +33,13 @@ class MapPrior:
 
     Raises:
         UserError: there is no pose, or a deviation is negative or not finite.
+
+    Example:
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
+        >>> railway = MapPrior(line, position_sigma=(0.5, 0.0), heading_sigma_rad=0.0)
+        >>> drawn = railway.sample(runs=2, particles=1000, generator=torch.Generator().manual_seed(0))
+        >>> drawn.shape, drawn.abs().amax((0, 1))[1:].tolist()  # along the line only
+        (torch.Size([2, 1000, 3]), [0.0, 0.0])
     """
 
     poses: Float64[Tensor, "n 3"]
@@ -74,6 +81,10 @@ def half_spacing(poses: Float64[Tensor, "n 3"]) -> float:
     """Half the median distance from a position of a map to the next: what a prior that leaves no gaps is as wide as.
 
     Images at one position count once; of a map of one position it is 0.5.
+
+    Example:
+        >>> half_spacing(torch.tensor([[0.0, 0, 0], [0, 0, 3], [2, 0, 0], [4, 0, 0]], dtype=torch.float64))
+        1.0
     """
     positions = np.unique(poses[:, :2].numpy(), axis=0)
     apart = cKDTree(positions).query(positions, k=[2])[0][:, 0] if len(positions) > 1 else np.ones(1)

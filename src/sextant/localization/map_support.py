@@ -123,7 +123,17 @@ class MapSupport:
 
 
 class EvidenceOnMap(Evidence):
-    """What an observation says, on the map alone; off the map as much as of any place of it."""
+    """What an observation says, on the map alone; off the map as much as of any place of it.
+
+    Example:
+        >>> class Ahead(Evidence):  # the further ahead, the likelier: 1, 3 and 5 at the images
+        ...     log_likelihood = lambda self, poses: (1 + poses[..., 0]).log()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]], dtype=torch.float64)
+        >>> there = torch.tensor([[[4.0, 0, 0], [98, 0, 0]]], dtype=torch.float64)
+        >>> EvidenceOnMap(Ahead(), MapSupport.of(line)).log_likelihood(there).exp()  # off the map the mean of the three
+        tensor([[4.9800, 3.0000]], dtype=torch.float64)
+    """
 
     def __init__(self, evidence: Evidence, support: MapSupport):
         self.evidence, self.support = evidence, support
@@ -164,6 +174,11 @@ def map_spacing(poses: Float64[Tensor, "n 3"]) -> float:
     In each of the four directions in which an image has a neighbour at all the nearest is taken, and the furthest of
     those: along a line the distance from one image to the next, in an area that between rows. Images at one position
     count once; of a map of one position it is 1.
+
+    Example:
+        >>> rows = [[float(x), 3.0 * row, 0.0] for x in range(9) for row in range(5)]
+        >>> round(map_spacing(torch.tensor(rows, dtype=torch.float64)), 4)  # images 1 m apart in rows 3 m apart
+        3.0
     """
     positions = np.unique(poses[:, :2].numpy(), axis=0)
     if len(positions) == 1:
@@ -181,12 +196,26 @@ def map_spacing(poses: Float64[Tensor, "n 3"]) -> float:
 
 
 def heading_reach(poses: Float64[Tensor, "n 3"]) -> float:
-    """Half the turn from one image to the next at one position, in rad; 10 degrees if that is less, or there is one."""
+    """Half the turn from one image to the next at one position, in rad; 10 degrees if that is less, or there is one.
+
+    Example:
+        >>> four = torch.tensor([[0.0, 0.0, math.radians(turn)] for turn in (0, 90, 180, 270)], dtype=torch.float64)
+        >>> round(math.degrees(heading_reach(four))), round(math.degrees(heading_reach(four[:1])))
+        (45, 10)
+    """
     values = poses.numpy()
-    order = np.lexsort((values[:, 2], values[:, 1], values[:, 0]))
-    turns = np.diff(values[order], axis=0)
-    together = turns[(np.abs(turns[:, :2]).max(1) < LEAST_SPACING) & (turns[:, 2] > HEADING_REACH), 2]
-    return max(HEADING_REACH, float(np.median(together)) / 2) if len(together) else HEADING_REACH
+    values = values[np.lexsort((values[:, 1], values[:, 0]))]
+    elsewhere = np.abs(np.diff(values[:, :2], axis=0)).max(1) >= LEAST_SPACING
+    position = np.concatenate([[0], np.cumsum(elsewhere)])
+    headings = values[:, 2] % math.tau
+    headings = headings[np.lexsort((headings, position))]
+    last = np.append(np.flatnonzero(elsewhere), len(position) - 1)
+    first = np.concatenate([[0], last[:-1] + 1])
+    turns = np.diff(headings, append=0.0)
+    turns[last] = headings[first] + math.tau - headings[last]
+    turns = np.delete(turns, np.lexsort((turns, position))[last])  # the widest leads round to where nobody looked
+    turns = turns[turns > HEADING_REACH]
+    return max(HEADING_REACH, float(np.median(turns)) / 2) if len(turns) else HEADING_REACH
 
 
 def _breadth(poses: Float64[Tensor, "n 3"]) -> float:

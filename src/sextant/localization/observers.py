@@ -29,6 +29,16 @@ class Camera(Observer):
         model: of the map.
         likelihood: of a descriptor given what the model predicts.
         descriptors: of all frames of the drive, as the map's are.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.observation import ExactGP
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> model = ExactGP().fit(DescriptorMap.of(line, torch.eye(20)), PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.1))
+        >>> back = Camera(model, Likelihood(), np.eye(20, dtype=np.float32)[::-1])  # a drive along the map, backwards
+        >>> back.observe(np.array([0, 5])).over_map().argmax(1)  # one run at its first frame, one at its sixth
+        tensor([19, 14])
     """
 
     def __init__(self, model: ObservationModel, likelihood: Likelihood, descriptors: Float32[ndarray, "n d"]):
@@ -47,6 +57,15 @@ class Laser(Observer):
         model: of a scan.
         scans: ranges in metres of all frames of the drive.
         map_poses: where restarts begin.
+
+    Example:
+        >>> from sextant.worlds import LaserScanner, OccupancyGrid
+        >>> grid = OccupancyGrid(np.array([[0, 0, 0, 0, 1]], np.uint8), 0.5, (0.0, -0.25))  # a wall from x = 2 to 2.5 m
+        >>> poses = torch.tensor([[0.25, 0.0, 0.0], [1.25, 0.0, 0.0]], dtype=torch.float64)
+        >>> scans = np.array([[1.0], [2.0]], np.float32)  # of two frames: the wall is one metre ahead, then two
+        >>> back = Laser(LikelihoodField(grid, LaserScanner(beams=1, max_range_m=10.0)), scans, poses)
+        >>> back.observe(np.array([0, 1])).over_map().argmax(1)  # one run at the first frame, one at the second
+        tensor([1, 0])
     """
 
     def __init__(

@@ -81,6 +81,20 @@ class ParticleFilter:
 
     Raises:
         UserError: the threshold is not between 0 and 1.
+
+    Example:
+        >>> from sextant.localization import initialisation, motion, recovery, resampling
+        >>> class AtThree(Evidence):  # what is seen looks like the place at 3 m
+        ...     log_likelihood = lambda self, poses: -10 * (poses[..., 0] - 3).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
+        >>> moves, prior = motion.ExponentialMotion(), MapPrior(line, 0.5, 0.1)
+        >>> filter = ParticleFilter(moves, resampling.SystematicResampling(), recovery.NoRecovery(), prior)
+        >>> draws = torch.Generator().manual_seed(0)
+        >>> state = filter.start(initialisation.UniformStart(), runs=1, particles=1000, generator=draws)
+        >>> state, told = filter.step(state, None, AtThree(), None, draws)
+        >>> told.resampled.tolist(), state.belief.poses[..., 0].mean().round().item()  # the others died out
+        ([True], 3.0)
     """
 
     motion: MotionModel

@@ -14,6 +14,13 @@ class PoseBins:
     Attributes:
         position: side of a box in metres.
         heading: wanted width in rad; what is used divides the circle into whole boxes, at least one.
+
+    Example:
+        >>> import torch
+        >>> bins = PoseBins(position=1.0, heading=math.radians(90))
+        >>> poses = torch.tensor([[[0.2, 0.5, 0.1], [0.7, 0.1, 0.1 + 2 * math.pi], [-0.1, 0.5, 0.1]]]).double()
+        >>> bins.cells(poses).tolist(), bins.occupied(poses).tolist()  # headings a turn apart are the same
+        ([[[0, 0, 0], [0, 0, 0], [-1, 0, 0]]], [2])
     """
 
     position: float

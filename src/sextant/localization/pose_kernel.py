@@ -37,6 +37,12 @@ class PoseKernel:
         heading_length: length scale on the unit circle, a chord: 1 is about 60 degrees.
         signal_variance: of one output dimension about the mean, :math:`s_f^2`.
         noise_variance: what images at one pose differ by, :math:`s_n^2`; not part of the covariance.
+
+    Example:
+        >>> kernel = PoseKernel("rbf", (2.0, 2.0), heading_length=1.0, signal_variance=1.0, noise_variance=0.1)
+        >>> there = torch.tensor([[0.0, 0, 2 * math.pi], [2, 0, 0], [0, 0, math.pi]], dtype=torch.float64)
+        >>> kernel(torch.zeros(1, 3, dtype=torch.float64), there)  # a full turn is none; exp(-1/2); exp(-2)
+        tensor([[1.0000, 0.6065, 0.1353]], dtype=torch.float64)
     """
 
     spatial: Spatial

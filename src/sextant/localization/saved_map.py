@@ -60,6 +60,17 @@ def save_map(folder: Path, model: ObservationModel, likelihood: Likelihood, fact
 
     Raises:
         OSError: the folder cannot be written.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> poses = torch.tensor([[0.0, 0, 0], [4, 0, 0]], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.eye(2)), PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.01)
+        >>> model = observation_model("ExactGP")().fit(places, kernel)
+        >>> with TemporaryDirectory() as temporary:
+        ...     folder = Path(temporary)
+        ...     save_map(folder, model, Likelihood(), {"descriptor": "one of two"})
+        ...     sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
+        ['descriptors.npy', 'map.json', 'mean.npy', 'poses.npy', 'state/factor.npy', 'state/weights.npy']
     """
     (folder / HEADER).unlink(missing_ok=True)
     known = {"poses": model.map.poses, "descriptors": model.map.descriptors, "mean": model.map.mean}
@@ -83,11 +94,25 @@ def write_header(
     Args:
         folder: with :func:`array_path` of every array.
         model: its class and arguments are written; it need not be fitted.
-        kernel, likelihood, facts: as for :func:`save_map`.
+        kernel: that of the model once it is fitted.
+        likelihood, facts: as for :func:`save_map`.
         arrays: names of all of them.
 
     Raises:
         OSError: an array is missing, or the folder cannot be written.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> poses = torch.tensor([[0.0, 0, 0], [4, 0, 0]], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.eye(2)), PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.01)
+        >>> model = observation_model("ExactGP")().fit(places, kernel)
+        >>> with TemporaryDirectory() as temporary:
+        ...     folder = Path(temporary)
+        ...     save_map(folder, model, Likelihood(), {})
+        ...     arrays = ["poses", "descriptors", "mean", *(f"state/{name}" for name in model.state())]
+        ...     write_header(folder, model, kernel, Likelihood(tempering=0.5), {}, arrays)  # calibrated since
+        ...     load_map(folder).likelihood.tempering
+        0.5
     """
     header = {
         "model": {"class": _class_name(model), "arguments": model.arguments()},
@@ -116,6 +141,18 @@ def load_map(folder: Path, *, verify: bool = True, trust: bool = False) -> Saved
     Raises:
         UserError: the folder is not there, holds no map, one of another version, a damaged one, or one that needs code
             of the user's own and ``trust`` is false.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> poses = torch.tensor([[0.0, 0, 0], [4, 0, 0]], dtype=torch.float64)
+        >>> places, kernel = DescriptorMap.of(poses, torch.eye(2)), PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.01)
+        >>> model = observation_model("ExactGP")().fit(places, kernel)
+        >>> with TemporaryDirectory() as temporary:
+        ...     folder = Path(temporary)
+        ...     save_map(folder, model, Likelihood(), {"descriptor": "one of two"})
+        ...     saved = load_map(folder)
+        >>> saved.facts, saved.model.predict(poses).mean.equal(model.predict(poses).mean)  # to the last bit
+        ({'descriptor': 'one of two'}, True)
     """
     header = _header(folder)
     tensors = {name: _tensor(folder, name, mark, verify) for name, mark in header["files"].items()}
@@ -178,7 +215,12 @@ def _tensor(folder: Path, name: str, mark: dict[str, Any], verify: bool) -> Tens
 
 
 def array_path(folder: Path, name: str) -> Path:
-    """Where an array lies."""
+    """Where an array lies.
+
+    Example:
+        >>> array_path(Path("town"), "state/factor").as_posix()
+        'town/state/factor.npy'
+    """
     return folder / f"{name}.npy"
 
 

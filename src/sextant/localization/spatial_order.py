@@ -19,6 +19,11 @@ def spatial_order(poses: Float64[Tensor, "n 3"]) -> Int64[Tensor, " n"]:
         ValueError: a pose is not finite.
 
     Source: G. M. Morton, "A computer oriented geodetic data base and a new technique in file sequencing", IBM 1966.
+
+    Example:
+        >>> corners = torch.tensor([[0.0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0]], dtype=torch.float64)
+        >>> corners[spatial_order(corners)][:, :2].tolist()  # a Z
+        [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0], [9.0, 9.0]]
     """
     places = poses.numpy()
     if not np.isfinite(places).all():

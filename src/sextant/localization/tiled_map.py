@@ -55,6 +55,18 @@ class TiledMapBuilder:
 
     Raises:
         UserError: the folder already holds a map, or what is in it is not of a builder.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> from sextant.localization.saved_map import load_map
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> with TemporaryDirectory() as folder:
+        ...     TiledMapBuilder(folder).add(line[:12], torch.eye(20)[:12])  # and is interrupted
+        ...     builder = TiledMapBuilder(folder)
+        ...     builder.add(line[builder.images :], torch.eye(20)[builder.images :])
+        ...     builder.finish(PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.1), Likelihood(), neighbours=4)
+        ...     len(load_map(Path(folder)).model.map)
+        20
     """
 
     def __init__(self, folder: Path | str):
@@ -109,7 +121,8 @@ class TiledMapBuilder:
         """Sort the images, prepare their neighbourhoods, and make a map of the folder.
 
         Args:
-            kernel, likelihood: see :func:`~sextant.localization.saved_map.save_map`.
+            kernel: of the model once it is fitted.
+            likelihood: see :func:`~sextant.localization.saved_map.save_map`.
             neighbours, blend, map_evidence, tile: of the :class:`CachedLocalGP` that the map is opened as.
             facts: what else is kept with the map.
             progress: called with the number of images done in the current step, and of all.

@@ -150,6 +150,13 @@ def likelihood_rate(distances: Float[Tensor, " n"], odds: float = 5.0) -> float:
 
     Raises:
         ArgumentError: a distance is negative or not finite, or the odds are not above 1.
+
+    Example:
+        >>> distances = torch.arange(1001.0)  # 95 % of them from 25 to 975
+        >>> round(math.exp(likelihood_rate(distances, odds=5.0) * (975 - 25)), 4)
+        5.0
+        >>> likelihood_rate(torch.ones(10))  # all alike: nothing is told
+        0.0
     """
     _check(distances, len(distances))
     if not 1 < odds < math.inf:

@@ -41,6 +41,16 @@ class CombinedGeometry(CalibrationBaseline):
     Args:
         prior: belief about the camera; ``fit`` replaces it.
         seed: of the vanishing points' hypotheses; the same image and seed give the same camera.
+
+    Example:
+        >>> v, u = (np.mgrid[:256, :256] + 0.5) / 256 - 0.5
+        >>> x, y = np.moveaxis(undistort_points(np.stack([u, v], axis=-1), -0.3, apparent_k2(-0.3, 0.87)), -1, 0)
+        >>> bars = np.uint8(127.5 + 127.5 * np.sin(40 * x) * (abs(y) < 0.4))[..., None].repeat(3, axis=-1)  # bent
+        >>> estimate = CombinedGeometry().calibrate(bars)
+        >>> round(float(estimate.camera.k1 / estimate.camera.focal**2), 1), abs(round(float(estimate.camera.roll), 2))
+        (-0.3, 0.0)
+        >>> estimate.determined  # bars parallel to the picture do not show the focal length
+        Determined(tilt=True, roll=True, focal=False, k1=True)
     """
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:
@@ -65,6 +75,15 @@ def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: f
 
     Raises:
         ValueError: it is no uint8 RGB image.
+
+    Example:
+        >>> v, u = (np.mgrid[:256, :256] + 0.5) / 256 - 0.5
+        >>> x, y = np.moveaxis(undistort_points(np.stack([u, v], axis=-1), -0.4, apparent_k2(-0.4, 0.9)), -1, 0)
+        >>> bar = (abs(x - 0.25) < 0.1) & (abs(y) < 0.3)  # its sides, 0.6 long, are seen as arcs
+        >>> ends = detect_bent_segments(255 * bar[..., None].repeat(3, axis=-1).astype(np.uint8), -0.4, focal=0.9)
+        >>> first, second = undistort_points(ends[0], -0.4, apparent_k2(-0.4, 0.9))
+        >>> round(float(np.linalg.norm(second - first)), 1)
+        0.6
     """
     if abs(k1_hat) < NEGLIGIBLE:
         return detect_segments(image)

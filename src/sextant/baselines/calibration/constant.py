@@ -20,6 +20,13 @@ class ConstantCamera(CalibrationBaseline):
 
     Attributes:
         camera_: the fitted camera.
+
+    Example:
+        >>> labels = torch.tensor([[0.0, 0.1, 0.5], [0.0, 0.0, 0.0], [0.8, 1.0, 3.0], [0.0, -0.1, -0.2]])
+        >>> constant = ConstantCamera().fit(CameraParameters(*labels))  # tilt, roll, focal and k1 of three cameras
+        >>> found = constant.calibrate(np.zeros((48, 64, 3), np.uint8)).camera
+        >>> [round(float(value), 3) for value in found]
+        [0.1, 0.0, 1.0, -0.1]
     """
 
     def fit(self, cameras: CameraParameters) -> Self:
@@ -41,6 +48,13 @@ class PriorCamera(CalibrationBaseline):
 
     Args:
         prior: what is believed where ``fit`` is not called.
+
+    Example:
+        >>> labels = torch.tensor([[0.0, 0.1, 0.5], [0.0, 0.0, 0.0], [0.8, 1.0, 3.0], [0.0, -0.1, -0.2]])
+        >>> prior = PriorCamera().fit(CameraParameters(*labels))  # tilt, roll, focal and k1 of three cameras
+        >>> found = prior.calibrate(np.zeros((48, 64, 3), np.uint8)).camera
+        >>> [round(float(value), 3) for value in found]
+        [0.0, 0.0, 1.0, 0.0]
     """
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:

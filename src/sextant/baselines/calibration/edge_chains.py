@@ -26,6 +26,13 @@ def detect_chains(image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "n points 
 
     Raises:
         ValueError: it is no uint8 RGB image.
+
+    Example:
+        >>> image = np.zeros((256, 256, 3), np.uint8)
+        >>> image[:, 64:192] = 255  # a band whose edges are a quarter of the height off the centre
+        >>> chains = detect_chains(image)
+        >>> chains.shape, sorted(chains[..., 0].mean(axis=1).round(2).tolist())
+        ((2, 16, 2), [-0.25, 0.25])
     """
     grey = working_grey(image)
     smooth = cv2.GaussianBlur(grey, (0, 0), 1.0).astype(np.float32)

@@ -36,6 +36,11 @@ class CameraPrior:
 
     Raises:
         UserError: a value is not finite, or the focal length or a standard deviation is not above 0.
+
+    Example:
+        >>> prior = CameraPrior(tilt=0.1, focal=2.0, sigma=(0.3, 0.15, 0.4, 0.3))
+        >>> prior.vector.round(4).tolist()  # the focal length by its logarithm
+        [0.1, 0.0, 0.6931, 0.0]
     """
 
     tilt: float = 0.0
@@ -76,6 +81,12 @@ class CalibrationEstimate:
         determined: what the image settled: where the standard deviation came down below half of the prior's.
         covariance: of tilt, roll, log focal and k1_hat given image and prior; the prior's where nothing was seen.
         long_segments: number of line segments longer than 0.1 image heights; chains of edge pixels for plumb lines.
+
+    Example:
+        >>> prior = CameraPrior(focal=2.0, sigma=(0.3, 0.15, 0.1, 0.3))
+        >>> estimate = CalibrationEstimate.of_prior(prior, long_segments=0)
+        >>> estimate.determined.focal, round(float(estimate.sigma.focal), 6)  # 0.1 of the logarithm is 10 % of 2
+        (False, 0.2)
     """
 
     camera: CameraParameters
@@ -107,7 +118,13 @@ class CalibrationEstimate:
 
 
 def camera_of_vector(vector: Float64[ndarray, "4"]) -> CameraParameters:
-    """The camera of four numbers in the order of :data:`BELIEF_NAMES`."""
+    """The camera of four numbers in the order of :data:`BELIEF_NAMES`.
+
+    Example:
+        >>> camera = camera_of_vector(np.array([0.1, 0.0, np.log(2.0), -0.05]))
+        >>> [round(float(value), 6) for value in camera]  # k1 is k1_hat · focal²
+        [0.1, 0.0, 2.0, -0.2]
+    """
     tilt, roll, log_focal, k1_hat = vector
     focal = np.exp(log_focal)
     return CameraParameters(*torch.tensor([tilt, roll, focal, k1_hat * focal**2], dtype=torch.float64).unbind())
@@ -118,6 +135,11 @@ def stack_cameras(estimates: list[CalibrationEstimate]) -> CameraParameters:
 
     Raises:
         ValueError: there is none.
+
+    Example:
+        >>> priors = CameraPrior(focal=0.8), CameraPrior(focal=1.2)
+        >>> stack_cameras([CalibrationEstimate.of_prior(prior, long_segments=0) for prior in priors]).focal
+        tensor([0.8000, 1.2000], dtype=torch.float64)
     """
     if not estimates:
         raise ValueError("need at least one estimate to stack")

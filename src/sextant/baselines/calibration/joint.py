@@ -54,6 +54,14 @@ def joint_estimate(lines: LineEvidence, beliefs: Sequence[Term], *, seed: int = 
 
     Raises:
         ValueError: nothing bounds the camera.
+
+    Example:
+        >>> from sextant.baselines.calibration import CameraBelief, FocalBelief
+        >>> lines = LineEvidence.of(np.zeros((64, 64, 3), np.uint8))  # none
+        >>> network = CameraBelief(tilt=0.1, roll=0.0, focal=1.0, k1_hat=0.0, sigma=(0.1, 0.1, 0.2, 0.1))
+        >>> found = joint_estimate(lines, [network, FocalBelief(1.2, sigma=0.01)])  # which is surer of the focal length
+        >>> round(float(found.vector[0]), 2), round(float(np.exp(found.vector[2])), 2)
+        (0.1, 1.2)
     """
     if not beliefs:
         raise ValueError("need at least one belief: lines alone do not bound every camera")

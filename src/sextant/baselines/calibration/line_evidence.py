@@ -26,6 +26,14 @@ class LineEvidence:
         longer: longer side of the photo, image heights.
         shorter: shorter side, image heights: pixels, and so the noise of lines, are the same part of it upright or not.
         explained: share of the segments' length that some frame of three orthogonal axes explains beyond chance.
+
+    Example:
+        >>> import numpy as np
+        >>> image = np.zeros((192, 256, 3), np.uint8)
+        >>> image[:, 64:192] = 255  # a band with two straight edges
+        >>> lines = LineEvidence.of(image)
+        >>> len(lines.chains), len(lines.segments), round(lines.longer, 2), abs(round(lines.k1_hat, 2))
+        (2, 2, 1.33, 0.0)
     """
 
     chains: Float64[ndarray, "n points 2"]

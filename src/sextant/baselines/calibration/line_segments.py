@@ -32,6 +32,13 @@ def detect_segments(image: UInt8[ndarray, "h w 3"], shortest: float = SHORTEST) 
 
     Raises:
         ValueError: it is no uint8 RGB image.
+
+    Example:
+        >>> image = np.zeros((256, 256, 3), np.uint8)
+        >>> image[:, 64:192] = 255  # a band whose edges are a quarter of the height off the centre
+        >>> segments = detect_segments(image)
+        >>> segments.shape, sorted(segments[..., 0].mean(axis=1).round(2).tolist())
+        ((2, 2, 2), [-0.25, 0.25])
     """
     grey = working_grey(image)
     segments = heights_from_working(grey_segments(grey), grey, image)
@@ -64,7 +71,12 @@ def segment_lengths(segments: Float64[ndarray, "n 2 2"]) -> Float64[ndarray, "n"
 
 
 def count_long(segments: Float64[ndarray, "n 2 2"]) -> int:
-    """How many segments are longer than a tenth of the image height: how much geometry an image offers."""
+    """How many segments are longer than a tenth of the image height: how much geometry an image offers.
+
+    Example:
+        >>> count_long(np.array([[[0.0, 0.0], [0.3, 0.4]], [[0.0, 0.0], [0.0, 0.05]]]))  # lengths of 0.5 and 0.05
+        1
+    """
     return int((segment_lengths(segments) > LONG).sum())
 
 

@@ -39,6 +39,14 @@ class PlumbLine(CalibrationBaseline):
 
     Args:
         prior: belief about the camera; ``fit`` replaces it.
+
+    Example:
+        >>> v, u = (np.mgrid[:256, :256] + 0.5) / 256 - 0.5
+        >>> x = undistort_points(np.stack([u, v], axis=-1), -0.3, apparent_k2(-0.3, 1.0))[..., 0]
+        >>> stripes = np.uint8(127.5 + 127.5 * np.sin(40 * x))[..., None].repeat(3, axis=-1)  # bent by k1 = -0.3
+        >>> estimate = PlumbLine(CameraPrior(focal=1.0)).calibrate(stripes)
+        >>> round(float(estimate.camera.k1), 1), estimate.determined
+        (-0.3, Determined(tilt=False, roll=False, focal=False, k1=True))
     """
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:

@@ -69,8 +69,7 @@ def student(squares: Float64[ndarray, "*b m"], nu: float) -> Float64[ndarray, "3
 class CameraBelief(Term):
     """A camera that somebody names, with standard errors: a network, EXIF, an accelerometer, other photos.
 
-    The horizon is compared as the camera itself places it in the picture, so that a focal length that turns out another
-    turns the tilt with it.
+    Each value is compared with its own: a focal length that turns out another leaves the tilt that was named.
 
     Attributes:
         tilt, roll: radians.
@@ -82,6 +81,12 @@ class CameraBelief(Term):
 
     Raises:
         UserError: a value is not finite, or the focal length or a standard error is not above 0.
+
+    Example:
+        >>> belief = CameraBelief(tilt=0.1, roll=0.0, focal=0.5, k1_hat=0.0, sigma=(0.1, 0.05, 0.2, 0.1))
+        >>> camera = np.array([[0.3, 0.0, 0.0, math.log(0.5), 0.0]])  # tilted by two standard errors more
+        >>> (belief.residuals(camera).round(6) + 0.0).tolist()
+        [[2.0, 0.0, 0.0, 0.0]]
     """
 
     tilt: float
@@ -131,6 +136,12 @@ class FocalBelief(Term):
         focal: image heights.
         sigma: standard deviation of its logarithm.
         nu: degrees of freedom of the loss.
+
+    Example:
+        >>> belief = FocalBelief(focal=1.0, sigma=0.1)
+        >>> longer = np.array([[0.0, 0.0, 0.0, 0.1, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0]])  # by 1 and 10 standard deviations
+        >>> belief.cost(longer).round(2).tolist()  # a normal's would be 0.5 and 50
+        [0.61, 5.9]
     """
 
     focal: float
@@ -159,6 +170,11 @@ class GravityBelief(Term):
         down: right, down and forward of the camera, of unit length.
         sigma: standard deviation of each direction in which it may err, radians.
         nu: degrees of freedom of the loss.
+
+    Example:
+        >>> tilt, roll = GravityBelief(down=(0.0, 0.8, -0.6), sigma=0.01).pose
+        >>> round(math.degrees(tilt), 2), roll  # gravity points backwards: the camera looks up
+        (36.87, 0.0)
     """
 
     down: tuple[float, float, float]
@@ -199,6 +215,12 @@ class PhotoPrior(Term):
         focal: median, longer sides.
         straight: share of undistorted pictures, and the standard deviation of their k1 / f².
         bent: mean and standard deviation of k1 / f² of the others.
+
+    Example:
+        >>> prior = PhotoPrior(longer=1.5)
+        >>> camera = np.array([[0.3, 0.06, 0.0, math.log(0.9 * 1.5), 0.0]])  # one standard deviation up and round
+        >>> (prior.residuals(camera).round(4) + 0.0).tolist()  # the last: 0.15 / 0.25 from bent pictures
+        [[1.0, 1.0, 0.0, 0.0, 0.6]]
     """
 
     longer: float

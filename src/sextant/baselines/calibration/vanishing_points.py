@@ -45,6 +45,15 @@ class VanishingPoints(CalibrationBaseline):
     Args:
         prior: belief about the camera; ``fit`` replaces it. The lens has its ``k1_hat``: 0 for a pinhole camera.
         seed: of the hypotheses; the same image and seed give the same camera.
+
+    Example:
+        >>> starts = np.mgrid[-3:4, -2:3].reshape(2, -1).T / 10
+        >>> points = np.array([[-1.2, 0.0], [1.2, 0.0]])  # of two walls at a right angle: f² = 1.2 · 1.2
+        >>> ends = [0.8 * starts + 0.2 * points[0], 0.8 * starts + 0.2 * points[1], starts + [0.0, 0.2]]
+        >>> segments = np.stack([np.tile(starts, (3, 1)), np.concatenate(ends)], axis=1)
+        >>> camera = VanishingPoints().calibrate_segments(segments).camera
+        >>> round(float(camera.focal), 1), abs(round(float(camera.tilt), 2)), abs(round(float(camera.roll), 2))
+        (1.2, 0.0, 0.0)
     """
 
     def calibrate(self, image: UInt8[ndarray, "h w 3"]) -> CalibrationEstimate:

@@ -39,7 +39,12 @@ def box_weights(before: int, after: int) -> tuple[Tensor, int]:
 
 
 def box_resize(pixels: Float[Tensor, "b c h w"], height: int, width: int) -> Float[Tensor, "b c p q"]:
-    """Whole values 0 ... 255, resized as ``PIL.Image.resize((width, height), BOX)`` does."""
+    """Whole values 0 ... 255, resized as ``PIL.Image.resize((width, height), BOX)`` does.
+
+    Example:
+        >>> box_resize(torch.tensor([[[[0.0, 10.0, 100.0, 101.0]] * 2]]), 1, 2)  # means of 2x2 pixels; 100.5 goes up
+        tensor([[[[  5., 101.]]]])
+    """
     if width != pixels.shape[-1]:
         weights, unit = _weights_for(pixels, pixels.shape[-1], width)
         pixels = _rounded(pixels.to(weights) @ weights.T, unit)

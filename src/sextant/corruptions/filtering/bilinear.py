@@ -28,6 +28,12 @@ def bilinear(
 
     Raises:
         ValueError: there are not as many points as images, or not as many rows as columns.
+
+    Example:
+        >>> image = torch.tensor([[[[0.0, 1.0, 2.0]]]])
+        >>> rows, columns = torch.zeros(1, 1, 3), torch.tensor([[[0.5, 2.0, 2.5]]])
+        >>> bilinear(image, rows, columns, "nearest").flatten(), bilinear(image, rows, columns, "zero").flatten()
+        (tensor([0.5000, 2.0000, 2.0000]), tensor([0.5000, 2.0000, 1.0000]))
     """
     if rows.shape != columns.shape or len(rows) != len(images):  # the compiled loop does not look
         raise ValueError(

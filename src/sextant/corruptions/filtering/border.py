@@ -17,6 +17,15 @@ def inside(index: Int64[Tensor, "*n"], size: int, border: Border) -> Int64[Tenso
     """The pixel 0 ... size - 1 that stands for the pixel ``index``, which may lie outside.
 
     ``zero`` gives the nearest pixel, which the caller has to weigh with zero.
+
+    Example:
+        >>> index = torch.arange(-2, 6)  # from two pixels before an axis of four to two behind it
+        >>> inside(index, 4, "nearest").tolist()
+        [0, 0, 0, 1, 2, 3, 3, 3]
+        >>> inside(index, 4, "reflect").tolist()
+        [1, 0, 0, 1, 2, 3, 3, 2]
+        >>> inside(index, 4, "mirror").tolist()
+        [2, 1, 0, 1, 2, 3, 2, 1]
     """
     if border == "reflect":
         folded = index % (2 * size)

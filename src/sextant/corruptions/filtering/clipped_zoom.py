@@ -33,6 +33,12 @@ def zoom_matrix(size: int, factor: float) -> Tensor:
 
 
 def clipped_zoom(images: Float[Tensor, "b c h w"], factor: float) -> Float[Tensor, "b c h w"]:
-    """The centre of ``images`` magnified by ``factor`` ≥ 1, of the same size."""
+    """The centre of ``images`` magnified by ``factor`` ≥ 1, of the same size.
+
+    Example:
+        >>> image = torch.tensor([9.0, 1.0, 4.0, 9.0]).expand(1, 1, 4, 4)
+        >>> clipped_zoom(image, 2.0)[0, 0, 0].round(decimals=4)  # the middle two pixels, stretched over four
+        tensor([1., 2., 3., 4.])
+    """
     height, width = images.shape[-2:]
     return zoom_matrix(height, factor).to(images) @ images @ zoom_matrix(width, factor).to(images).T

@@ -16,7 +16,14 @@ from sextant.corruptions.filtering.border import Border, inside
 
 
 def gaussian_weights(sigma: float, radius: int) -> Float[Tensor, "n"]:
-    """``exp(-k²/2σ²)`` for k = -radius ... radius, scaled to the sum 1; float64."""
+    """``exp(-k²/2σ²)`` for k = -radius ... radius, scaled to the sum 1; float64.
+
+    Example:
+        >>> gaussian_weights(1.0, 1).round(decimals=4)  # in proportion to exp(-1/2), 1 and exp(-1/2)
+        tensor([0.2741, 0.4519, 0.2741], dtype=torch.float64)
+        >>> gaussian_weights(0.0, 1)  # changes nothing
+        tensor([1.], dtype=torch.float64)
+    """
     if sigma <= 0 or radius == 0:
         return torch.ones(1, dtype=torch.float64)
     weights = torch.exp(-0.5 * (torch.arange(-radius, radius + 1, dtype=torch.float64) / sigma) ** 2)
@@ -39,7 +46,18 @@ def gaussian_filter(
     border: Border = "nearest",
     truncate: float = 4.0,
 ) -> Float[Tensor, "b c h w"]:
-    """``images`` smoothed by ``sigma`` pixels, or by (down, across); an axis with ``sigma = 0`` is left alone."""
+    """``images`` smoothed by ``sigma`` pixels, or by (down, across); an axis with ``sigma = 0`` is left alone.
+
+    Example:
+        >>> spot = torch.zeros(1, 1, 5, 5)
+        >>> spot[..., 2, 2] = 1
+        >>> gaussian_filter(spot, (0.5, 0.0))[0, 0].round(decimals=2)  # down alone
+        tensor([[0.0000, 0.0000, 0.0000, 0.0000, 0.0000],
+                [0.0000, 0.0000, 0.1100, 0.0000, 0.0000],
+                [0.0000, 0.0000, 0.7900, 0.0000, 0.0000],
+                [0.0000, 0.0000, 0.1100, 0.0000, 0.0000],
+                [0.0000, 0.0000, 0.0000, 0.0000, 0.0000]])
+    """
     down, across = sigma if isinstance(sigma, tuple) else (sigma, sigma)
     if down > 0:
         images = gaussian_matrix(images.shape[-2], down, border, truncate).to(images) @ images

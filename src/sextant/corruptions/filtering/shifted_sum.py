@@ -25,6 +25,12 @@ def shifted_sum(
 
     Raises:
         ValueError: there are shifts for another number of images, or of terms.
+
+    Example:
+        >>> row = torch.tensor([1.0, 2.0, 4.0]).view(1, 1, 1, 3)
+        >>> shifts = torch.tensor([[[0, 0], [1, 0]]])  # each pixel and its neighbour to the right
+        >>> shifted_sum(row, torch.tensor([0.5, 0.5]), shifts, "nearest").flatten()
+        tensor([1.5000, 3.0000, 4.0000])
     """
     if len(shifts) not in (1, len(images)) or shifts.shape[1:] != (len(weights), 2):  # the compiled loop does not look
         raise ValueError(f"{len(images)} images, {len(weights)} weights and shifts {tuple(shifts.shape)} do not match")

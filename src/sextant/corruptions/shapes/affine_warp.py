@@ -19,6 +19,13 @@ def affine_warp(
         images: to warp.
         matrices: A of each image.
         shifts: t of each image, in pixels to the right and down.
+
+    Example:
+        >>> image = torch.tensor([[[[1.0, 2.0, 3.0]]]])
+        >>> affine_warp(image, torch.tensor([[[-1.0, 0.0], [0.0, 1.0]]])).flatten()  # columns the other way round
+        tensor([3., 2., 1.])
+        >>> affine_warp(image, torch.eye(2)[None], torch.tensor([[1.0, 0.0]])).flatten()  # from one pixel to the right
+        tensor([2., 3., 0.])
     """
     height, width = images.shape[-2:]
     centre = torch.tensor([(width - 1) / 2, (height - 1) / 2], dtype=torch.float64)

@@ -9,12 +9,22 @@ REACH = 2.3  # pixels at which a line has faded
 
 
 def mnist_coordinates(size: int) -> Float64[Tensor, "size"]:
-    """Where the pixels of an axis of ``size`` lie among 28, the centre of the first of these at 0."""
+    """Where the pixels of an axis of ``size`` lie among 28, the centre of the first of these at 0.
+
+    Example:
+        >>> mnist_coordinates(2)  # each covers 14 pixels, 0 to 13 and 14 to 27
+        tensor([ 6.5000, 20.5000], dtype=torch.float64)
+    """
     return (torch.arange(size, dtype=torch.float64) + 0.5) * SIDE / size - 0.5
 
 
 def mnist_cells(size: int) -> Int64[Tensor, "size"]:
-    """Which of 28 pixels each of the pixels of an axis of ``size`` lies in."""
+    """Which of 28 pixels each of the pixels of an axis of ``size`` lies in.
+
+    Example:
+        >>> mnist_cells(4)  # each covers 7 pixels, of which it is in the middle one
+        tensor([ 3, 10, 17, 24])
+    """
     return (torch.arange(size) * 2 + 1) * SIDE // (2 * size)
 
 
@@ -29,6 +39,12 @@ def line_overlay(
     sizes show the same line, scaled.
 
     Source: Mu & Gilmer, "MNIST-C: a robustness benchmark for computer vision", 2019, and its published code.
+
+    Example:
+        >>> ends = torch.tensor([[4.0, 14.0], [24.0, 14.0]], dtype=torch.float64)
+        >>> line = line_overlay(ends[0], ends[1], 28, 28)
+        >>> line[12:17, 10].round(decimals=2), (line[14] == 1).sum()  # across the line: 1 + log(1 - 1 / 2.3) beside it
+        (tensor([0.0000, 0.4300, 1.0000, 0.4300, 0.0000], dtype=torch.float64), tensor(20))
     """
     columns, rows = mnist_coordinates(width), mnist_coordinates(height)[:, None]
     cells = mnist_cells(width)

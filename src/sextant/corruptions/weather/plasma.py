@@ -37,6 +37,13 @@ def plasma(
 
     Raises:
         ValueError: the map is not square with a side that is a power of two.
+
+    Example:
+        >>> noise = torch.zeros(1, 2, 2)
+        >>> noise[0, 1, 1] = 0.3  # lifts the centre of the one square; the middles of its edges are half as high
+        >>> plasma(noise, decay=2.0)
+        tensor([[[0.0000, 0.5000],
+                 [0.5000, 1.0000]]], dtype=torch.float64)
     """
     n = noise.shape[-1]
     if noise.shape[-2] != n or n < 1 or n & (n - 1):
@@ -53,7 +60,12 @@ def plasma(
 
 
 def map_side(height: int, width: int) -> int:
-    """The side of the smallest plasma map that covers an image: the next power of two."""
+    """The side of the smallest plasma map that covers an image: the next power of two.
+
+    Example:
+        >>> map_side(32, 32), map_side(224, 224), map_side(20, 33)
+        (32, 256, 64)
+    """
     return 1 << (max(height, width) - 1).bit_length()
 
 

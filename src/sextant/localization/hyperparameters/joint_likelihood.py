@@ -37,6 +37,14 @@ def joint_log_likelihood(
 
     Raises:
         UserError: the covariance matrix is singular to working precision: the noise is too small for images that close.
+
+    Example:
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> kernel = TrainableKernel(PoseKernel("rbf", (1.0, 1.0), 1.0, signal_variance=0.5, noise_variance=0.5))
+        >>> poses = torch.tensor([[0.0, 0, 0], [100, 0, 0]], dtype=torch.float64)  # too far apart to tell of each other
+        >>> found = joint_log_likelihood(kernel, poses, torch.ones(2, 3), torch.ones(3))
+        >>> round(found.item() / math.log(2 * math.pi), 4)  # -1/2 for each of six numbers at their mean
+        -3.0
     """
     residuals = (descriptors - mean).double()
     n, outputs = residuals.shape

@@ -11,5 +11,11 @@ from torch import Generator
 
 
 def random_order(images: int, generator: Generator) -> Int64[ndarray, " n"]:
-    """A random permutation of the images: O(n)."""
+    """A random permutation of the images: O(n).
+
+    Example:
+        >>> order = random_order(5, torch.Generator().manual_seed(0))
+        >>> sorted(order.tolist())  # each image once
+        [0, 1, 2, 3, 4]
+    """
     return torch.randperm(images, generator=generator).numpy()

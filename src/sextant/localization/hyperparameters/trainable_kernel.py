@@ -44,6 +44,15 @@ class TrainableKernel(nn.Module):
     Args:
         start: where training begins.
         ard: a length each for x and y; otherwise they share one, which begins at their geometric mean.
+
+    Example:
+        >>> line = torch.tensor([[2.0 * x, 0.0, 0.0] for x in range(5)], dtype=torch.float64)
+        >>> kernel = TrainableKernel.from_map(line, torch.arange(5.0)[:, None])  # 2 m apart, of variance 2
+        >>> start = kernel.frozen()
+        >>> [round(value, 4) for value in (*start.length, start.signal_variance, start.noise_variance)]
+        [8.0, 8.0, 1.6, 0.4]
+        >>> kernel(line, line).allclose(start(line, line))  # the same covariance, with gradients
+        True
     """
 
     def __init__(self, start: PoseKernel, *, ard: bool = True):

@@ -40,6 +40,11 @@ class Conditioning:
         order: the images in the order of conditioning.
         neighbours: for image i of the map (not of the order) the images it is conditioned on, nearest first; -1 where
             fewer than k come before it.
+
+    Example:
+        >>> places = np.array([[0.0], [1.0], [3.0], [1.2]])
+        >>> Conditioning.of(places, np.array([0, 2, 1, 3]), neighbours=1).neighbours.flatten()  # 1.2 by 1
+        tensor([-1,  0,  0,  1])
     """
 
     order: Int64[Tensor, " n"]
@@ -111,6 +116,15 @@ def vecchia_log_likelihood(
 
     Raises:
         UserError: neighbouring images have a covariance that is singular to working precision.
+
+    Example:
+        >>> from sextant.localization.hyperparameters import joint_log_likelihood
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(6)], dtype=torch.float64)
+        >>> images = line, torch.eye(6), torch.zeros(6)
+        >>> kernel = TrainableKernel.from_map(line, torch.eye(6))
+        >>> given_all = Conditioning.of(line.numpy(), np.arange(6), neighbours=5)  # on every image before
+        >>> vecchia_log_likelihood(kernel, *images, given_all).allclose(joint_log_likelihood(kernel, *images))
+        True
     """
     rows = torch.arange(len(poses)) if rows is None else rows
     near = conditioning.neighbours[rows]

@@ -37,6 +37,15 @@ class AppearanceStart(Initialisation):
 
     Raises:
         UserError: ``top`` is below 1.
+
+    Example:
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(20)], dtype=torch.float64)
+        >>> start, prior = AppearanceStart(top=3), MapPrior(line, 0.0, 0.0)  # no jitter: at the images themselves
+        >>> start.start(prior, 1, 1000, AtTen(), None, torch.Generator().manual_seed(0)).poses[..., 0].unique()
+        tensor([ 9., 10., 11.], dtype=torch.float64)
     """
 
     top: int | None = None

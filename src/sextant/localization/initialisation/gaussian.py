@@ -25,6 +25,13 @@ class GaussianStart(Initialisation):
     Raises:
         UserError: a deviation is negative or not finite.
         ValueError: a pose is not finite.
+
+    Example:
+        >>> pose = torch.tensor([[3.0, 0.0, 0.0]], dtype=torch.float64)
+        >>> start = GaussianStart(pose, sigma=(0.5, 0.2, 0.0))  # the heading is known
+        >>> belief = start.start(MapPrior(pose, 0.5, 0.1), 1, 10_000, None, None, torch.Generator().manual_seed(0))
+        >>> belief.poses[0].std(0).round(decimals=1)
+        tensor([0.5000, 0.2000, 0.0000], dtype=torch.float64)
     """
 
     mean: Float64[Tensor, "r 3"]

@@ -27,6 +27,11 @@ def examine(
     Args:
         crop: cuts crops of a panorama; None skips what needs it.
         why_not: why there is none.
+
+    Example:
+        >>> findings, table = examine(crop=None)  # some seconds  # doctest: +SKIP
+        >>> all(finding.passed for finding in findings), findings[-1].skipped  # doctest: +SKIP
+        (True, 'no function that cuts crops was given')
     """
     findings = [finding for check in CHECKS for finding in check()]
     table = loss.cross_talk()
