@@ -4,6 +4,7 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from sextant.baselines.calibration import count_long, detect_bent_segments, detect_chains, detect_segments
+from sextant.baselines.calibration.lens import apparent_k2, undistort_points
 
 
 def rectangle(width=256, height=192, left=60, right=200, top=50, bottom=120):
@@ -63,3 +64,23 @@ def test_chains_follow_an_edge_to_a_tenth_of_a_pixel():
     u, v = np.moveaxis(chains[0], -1, 0)
     column, row = u * 192 + 128, v * 192 + 96
     assert np.abs(column - (100 + 0.2 * row)).max() < 0.15
+
+
+@pytest.mark.parametrize("k1_hat", [-0.4, -0.2, -0.05, 0.1])
+def test_lines_from_border_to_border_are_found_whole(k1_hat):
+    v, u = (np.mgrid[:512, :512] + 0.5) / 512 - 0.5
+    x = undistort_points(np.stack([u, v], axis=-1), k1_hat, apparent_k2(k1_hat, 0.87))[..., 0]
+    bar = np.uint8(255 * (abs(x - 0.05) < 0.1))[..., None].repeat(3, axis=-1)
+    found = detect_bent_segments(bar, k1_hat, 0.87)
+    assert len(found) == 2
+    assert abs(found[:, :, 1]).ravel() == pytest.approx(0.5, abs=0.015)
+
+
+@pytest.mark.parametrize("k1_hat", [-0.6, -0.4, -0.2, -0.05, 0.1, 0.2])
+@pytest.mark.parametrize("width", [512, 683])
+def test_the_border_of_a_picture_is_no_line(k1_hat, width):
+    bright = np.full((512, width, 3), 250, np.uint8)
+    bright[100:412, 100:-100] = 0
+    found = detect_bent_segments(bright, k1_hat, 0.87)
+    from_border = np.array([width / 512, 1.0]) / 2 - abs(found.mean(axis=1))
+    assert from_border.min(initial=1) > 0.1

@@ -28,7 +28,7 @@ VAGUE = math.radians(8)
 #: of the joint standard errors of tilt, roll, vfov and k1_hat, by level: counted on 273 photos and crops of nine
 #: sources that trained no network, each source weighing as much as the root of its photos
 #: (``python -m benchmarks.joint_intervals``)
-MULTIPLES = {"68": np.array([1.3, 1.25, 0.8, 2.6]), "95": np.array([3.65, 4.2, 2.5, 10.8])}
+MULTIPLES = {"68": np.array([1.4, 1.25, 0.85, 2.7]), "95": np.array([3.45, 4.3, 2.5, 10.8])}
 #: standard deviation of a lens's principal point off the centre, longer sides: it turns the tilt
 PRINCIPAL_POINT = 0.01
 #: of tilt, roll and log focal, where a network has its own opinion of how people hold cameras, as sure as the usual

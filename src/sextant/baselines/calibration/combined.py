@@ -33,6 +33,8 @@ from sextant.baselines.calibration.vanishing_points import find_frame
 LARGEST_CANVAS = 1.7
 #: Lenses that bend less than this show arcs as straight to the detector, and the image is left as it is.
 NEGLIGIBLE = 0.02
+#: Ends of segments that cross the border of the picture come out so far beyond it at most, in image heights.
+OVER = 0.01
 
 
 class CombinedGeometry(CalibrationBaseline):
@@ -95,17 +97,25 @@ def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: f
     straight = _straighten(grey, edge, room, k1_hat, k2_hat)
     ends = heights_from_working(grey_segments(straight), straight, image) * room
     bent = distort_points(ends, k1_hat, k2_hat)
-    inside = (np.abs(bent) <= edge).all(axis=(1, 2))  # beyond, the straightened image repeats its border
-    return longest_first(bent[inside & ~on_frame(bent, edge)])
+    middles = distort_points(ends.mean(axis=1, keepdims=True), k1_hat, k2_hat).repeat(2, axis=1)
+    border = on_frame(bent, edge) | on_frame(middles, edge)  # in the straightened image it is an arc
+    seen = (np.abs(bent) <= edge + OVER).all(axis=(1, 2))
+    return longest_first(np.clip(bent[seen & ~border], -edge, edge))
 
 
 def _straighten(
     grey: UInt8[ndarray, "h w"], edge: Float64[ndarray, "2"], room: float, k1_hat: float, k2_hat: float
 ) -> UInt8[ndarray, "h2 w2"]:
-    """The image without its lens, ``room`` times as wide and high; ``edge``: half of its sides in image heights."""
+    """The image without its lens, ``room`` times as wide and high; ``edge``: half of its sides in image heights.
+
+    Beyond the border it is of one grey, so that lines end there: repeated, it would lead them on, and elsewhere.
+    """
     height, width = (max(round(side * room), 1) for side in grey.shape)
     columns, rows = (2 * (np.arange(count) + 0.5) / count - 1 for count in (width, height))
     points = np.stack(np.meshgrid(columns, rows), axis=-1) * edge * room
     source = (distort_points(points, k1_hat, k2_hat) / edge + 1) / 2 * grey.shape[::-1] - 0.5
     columns_of, rows_of = np.moveaxis(source.astype(np.float32), -1, 0)
-    return np.asarray(cv2.remap(grey, columns_of, rows_of, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    one_grey = int(grey.mean())
+    return np.asarray(
+        cv2.remap(grey, columns_of, rows_of, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=one_grey)
+    )
