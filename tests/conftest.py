@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 from time_limit import end_workers, time_limit
 from xdist.scheduler import LoadScopeScheduling
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when torch is imported; the workers of pytest-xdist fill the cores
+# The workers of pytest-xdist fill the cores. Torch reads this when it is imported; plugins have imported NumPy already.
+threadpool_limits(int(os.environ.setdefault("OMP_NUM_THREADS", "1")))
 settings.register_profile("sextant", max_examples=25, deadline=None, derandomize=True)
 settings.load_profile("sextant")
 
