@@ -109,8 +109,9 @@ def test_what_a_run_keeps(usual):
     assert results["parameters"] == 5
 
 
-def test_by_day_it_knows_where_it_is(usual):
-    assert arrays(usual)["success/summer_noon"].mean() >= 2 / 3
+def test_by_day_it_knows_where_it_is(run):
+    found = run(*USUAL, "task.starts=24")  # of three, two are found by some seeds and one by others
+    assert arrays(found)["success/summer_noon"].mean() >= 0.85
 
 
 def test_whitened_errors(run):
