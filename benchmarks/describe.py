@@ -2,8 +2,7 @@
 
 One thread, float32, inference mode. The peers' descriptors stand on a ResNet-18 (G. Berton et al., "Deep visual
 geo-localization benchmark", CVPR 2022, among others), of which the layers alone are timed, on the same image and on one
-of 480x640 as they use it. Whitening learnt from the images of a map is timed against scikit-learn's PCA. The works take
-turns, so that all see the same load; ratios are of medians of one run.
+of 480x640 as they use it. The works take turns, so that all see the same load; ratios are of medians of one run.
 """
 
 import time
@@ -14,13 +13,11 @@ import numpy as np
 import torch
 
 from sextant.baselines import Hog
-from sextant.baselines.whitening import whitening
 from sextant.models import FeatureMap, OrientedCNN, PlaceNet
 from sextant.models.pooling import Flatten
 from sextant.models.torchvision_backbone import torchvision_backbone
 
 HEIGHT, WIDTH, LARGE, BATCH, REPEATS = 64, 96, (480, 640), 64, 31
-MAPS, PIXELS, COMPONENTS = (300, 1_500, 6_000), 32 * 48, 128
 
 Row = tuple[str, str, str, str, str]
 
@@ -53,24 +50,7 @@ def _rows(repeats: int) -> list[Row]:
     many = _medians({"ours": lambda: network(images), "ResNet-18": lambda: peer(images)}, max(3, repeats // 4))
     what = f"one image of {HEIGHT}x{WIDTH}"
     rows = [_row(what, single, other) for other in single if other != "ours"]
-    each = {name: seconds / BATCH for name, seconds in many.items()}
-    return [*rows, _row(f"each of {BATCH}", each, "ResNet-18"), *(row for images in MAPS for row in _whitening(images))]
-
-
-def _whitening(images: int) -> list[Row]:
-    """Fitted to so many images of 32x48, whose variance falls as that of pictures does."""
-    from sklearn.decomposition import PCA
-
-    falling = (np.arange(PIXELS) + 1.0) ** -0.5
-    rows = (np.random.default_rng(0).normal(size=(images, PIXELS)) * falling).astype(np.float32)
-    exact = "full" if images < PIXELS else "covariance_eigh"
-    works = {
-        "ours": lambda: whitening(rows, COMPONENTS),
-        "scikit-learn's PCA, as exact": lambda: PCA(COMPONENTS, whiten=True, svd_solver=exact).fit(rows),
-        "scikit-learn's PCA, randomized if large": lambda: PCA(COMPONENTS, whiten=True, random_state=0).fit(rows),
-    }
-    seconds = _medians(works, 3)
-    return [_row(f"whitening of {images:,} images", seconds, other) for other in works if other != "ours"]
+    return [*rows, _row(f"each of {BATCH}", {name: seconds / BATCH for name, seconds in many.items()}, "ResNet-18")]
 
 
 def _ours() -> PlaceNet:

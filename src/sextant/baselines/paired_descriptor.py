@@ -10,7 +10,7 @@ from numpy import ndarray
 from sextant.baselines.descriptor import CHUNK, PlaceDescriptor, unit_norm
 from sextant.baselines.grey import grey_images
 from sextant.baselines.pixels import Pixels
-from sextant.baselines.whitening import principal
+from sextant.baselines.whitening import SMALLEST_SHARE
 
 
 class PairedDescriptor(PlaceDescriptor):
@@ -98,13 +98,17 @@ class PairedDescriptor(PlaceDescriptor):
 
 def _principal(first: ndarray, second: ndarray, components: int) -> ndarray:
     """Leading eigenvectors (pixels, components) of the two conditions' mean covariance."""
-    pixels = first.shape[1]
+    from scipy.linalg import eigh
+
+    images, pixels = 2 * len(first), first.shape[1]
     if components > pixels:
         raise ValueError(f"components={components}, but the images have only {pixels} pixels")
-    _, directions = principal(np.concatenate([first, second]), components)
-    if directions.shape[1] < components:
-        raise ValueError(f"components={components}, but the pairs span only {directions.shape[1]} directions")
-    return directions
+    covariance = (first.T @ first + second.T @ second) / images
+    variances, vectors = eigh(covariance, subset_by_index=(pixels - components, pixels - 1))
+    rank = int((variances > SMALLEST_SHARE * variances[-1]).sum()) if variances[-1] > 0 else 0
+    if rank < components:
+        raise ValueError(f"components={components}, but the pairs span only {rank} directions")
+    return np.asarray(vectors[:, ::-1])
 
 
 def ridge(covariance: ndarray, share: float) -> ndarray:
