@@ -68,7 +68,7 @@ def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
 def test_a_sweep_of_two_workers_killed_again_and_again_ends_as_if_it_had_not_been(tmp_path):
     outputs, whole = tmp_path / "killed", tmp_path / "whole"
     choices = [(f"inhibition={kind}", f"seed={seed}") for kind in ("none", "push_pull") for seed in (0, 1)]
-    epochs = "trainer.max_epochs=12"
+    epochs = "trainer.max_epochs=30"
     expected = {}
     for choice in choices:
         results = RunDirectory(execute(quick_config(whole, epochs, "tracking=none", *choice)).directory).results()
