@@ -7,7 +7,8 @@ document.querySelectorAll("pre > code").forEach((block) => {
 });
 const scrollable = () =>
   document.querySelectorAll(".md-typeset__scrollwrap").forEach((table) => {
-    table.scrollWidth > table.clientWidth ? (table.tabIndex = 0) : table.removeAttribute("tabindex");
+    if (table.scrollWidth > table.clientWidth) table.tabIndex = 0;
+    else table.removeAttribute("tabindex");
   });
 addEventListener("resize", scrollable);
 new MutationObserver(scrollable).observe(document.body, { childList: true, subtree: true }); // the theme wraps tables late

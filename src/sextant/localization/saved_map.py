@@ -69,8 +69,11 @@ def save_map(folder: Path, model: ObservationModel, likelihood: Likelihood, fact
         >>> with TemporaryDirectory() as temporary:
         ...     folder = Path(temporary)
         ...     save_map(folder, model, Likelihood(), {"descriptor": "one of two"})
+        ...     saved = load_map(folder)
         ...     sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
         ['descriptors.npy', 'map.json', 'mean.npy', 'poses.npy', 'state/factor.npy', 'state/weights.npy']
+        >>> saved.facts, saved.model.predict(poses).mean.equal(model.predict(poses).mean)  # to the last bit
+        ({'descriptor': 'one of two'}, True)
     """
     (folder / HEADER).unlink(missing_ok=True)
     known = {"poses": model.map.poses, "descriptors": model.map.descriptors, "mean": model.map.mean}
@@ -143,16 +146,11 @@ def load_map(folder: Path, *, verify: bool = True, trust: bool = False) -> Saved
             of the user's own and ``trust`` is false.
 
     Example:
-        >>> from tempfile import TemporaryDirectory
-        >>> poses = torch.tensor([[0.0, 0, 0], [4, 0, 0]], dtype=torch.float64)
-        >>> places, kernel = DescriptorMap.of(poses, torch.eye(2)), PoseKernel("rbf", (1.0, 1.0), 1.0, 1.0, 0.01)
-        >>> model = observation_model("ExactGP")().fit(places, kernel)
-        >>> with TemporaryDirectory() as temporary:
-        ...     folder = Path(temporary)
-        ...     save_map(folder, model, Likelihood(), {"descriptor": "one of two"})
-        ...     saved = load_map(folder)
-        >>> saved.facts, saved.model.predict(poses).mean.equal(model.predict(poses).mean)  # to the last bit
-        ({'descriptor': 'one of two'}, True)
+        >>> try:  # how one is written and read again: see save_map
+        ...     load_map(Path("nowhere"))
+        ... except UserError as error:
+        ...     print(error.problem)
+        nowhere is not a saved map: there is no such folder
     """
     header = _header(folder)
     tensors = {name: _tensor(folder, name, mark, verify) for name, mark in header["files"].items()}

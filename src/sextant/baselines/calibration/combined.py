@@ -34,7 +34,7 @@ LARGEST_CANVAS = 1.7
 #: Lenses that bend less than this show arcs as straight to the detector, and the image is left as it is.
 NEGLIGIBLE = 0.02
 #: Ends of segments that cross the border of the picture come out so far beyond it at most, in image heights.
-OVER = 0.01
+OVERSHOOT = 0.01
 
 
 class CombinedGeometry(CalibrationBaseline):
@@ -99,7 +99,7 @@ def detect_bent_segments(image: UInt8[ndarray, "h w 3"], k1_hat: float, focal: f
     bent = distort_points(ends, k1_hat, k2_hat)
     middles = distort_points(ends.mean(axis=1, keepdims=True), k1_hat, k2_hat).repeat(2, axis=1)
     border = on_frame(bent, edge) | on_frame(middles, edge)  # in the straightened image it is an arc
-    seen = (np.abs(bent) <= edge + OVER).all(axis=(1, 2))
+    seen = (np.abs(bent) <= edge + OVERSHOOT).all(axis=(1, 2))
     return longest_first(np.clip(bent[seen & ~border], -edge, edge))
 
 

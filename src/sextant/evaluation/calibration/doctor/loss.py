@@ -78,10 +78,10 @@ def cross_talk(grid: int = 7, aspect: float = 4 / 3) -> list[CrossTalk]:
     Both are minimised by Gauss-Newton from a start beside the truth, in the numbers rho, roll, vfov, k1_hat.
 
     Example:
-        >>> row = cross_talk()[0]  # some seconds  # doctest: +SKIP
-        >>> row.wrong, round(row.before_deg, 2), round(row.after_deg, 2)  # doctest: +SKIP
+        >>> row = cross_talk()[0]
+        >>> row.wrong, round(row.before_deg, 2), round(row.after_deg, 2)
         ('vfov +5 deg', 2.55, 1.36)
-        >>> round(row.joint[3], 2), abs(row.disentangled[3]) < 1e-7  # k1_hat makes up for it  # doctest: +SKIP
+        >>> round(row.joint[3], 2), abs(row.disentangled[3]) < 1e-7  # k1_hat makes up for it
         (0.11, True)
     """
     space = Parameterization("horizon")
