@@ -74,6 +74,25 @@ def composed_once():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def database_made_once():
+    """Tests of one process have MLflow make its tables once, which takes it seconds; the next stores start as copies."""
+    from sextant.tracking import store
+
+    make, kept = store._make_database, []
+
+    def make_or_copy(database):
+        if not kept:
+            make(database)
+            kept.append(database.read_bytes())
+        else:
+            database.write_bytes(kept[0])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "_make_database", make_or_copy)
+        yield
+
+
 @pytest.fixture(scope="session")
 def office(tmp_path_factory):
     """A finished run in a small office, and a drive in it."""
