@@ -76,7 +76,7 @@ def composed_once():
 
 @pytest.fixture(scope="session", autouse=True)
 def database_made_once():
-    """Tests of one process have MLflow make its tables once, which takes it seconds; the next stores start as copies."""
+    """MLflow makes its tables once for all tests of a process, which takes it seconds; other stores start as copies."""
     from sextant.tracking import store
 
     make, kept = store._make_database, []

@@ -1,6 +1,7 @@
 """From a drive to where each of its images was taken, and the files that say so."""
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -15,10 +16,13 @@ from sextant.data.localization.own_drive import OwnDrive
 from sextant.data.localization.pose_formats import write_tum
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
+from sextant.localization.foresight import LEAST
 from sextant.reporter import SILENT, Progress
 
 #: an animation of the particles, if there is to be one
 ReplayKind = Literal["mp4", "gif", "none"]
+#: odometry that errs so many times alike is remarked on
+MISTAKEN = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +90,7 @@ def localize_drive(
             drive.remarks.append(f"interrupted after {len(rows):,} of {len(drive):,} images")
     if all(row.problem for row in rows):
         raise nothing_usable(f"none of {len(rows):,} images can be used", {row.name: row.problem for row in rows})
+    drive.remarks.extend(_doubts(localizer, rows))
     positions, times = localizer.model.map.poses[:, :2].numpy(), drive.times_of(len(rows))
     with telling_write_errors(output):
         write_poses(rows, times, output)
@@ -99,6 +104,18 @@ def localize_drive(
             with progress("drawing the replay", "frames"):
                 written.append(_animated(moments, positions, output, replay, localizer.unit, drive.remarks))
     return LocalizedDrive(rows, written, interrupted)
+
+
+def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
+    """What the images say against odometry and the map."""
+    if abs(math.log(scale := localizer.odometry_scale)) > math.log(MISTAKEN):
+        told = "short" if scale > 1 else "long"
+        yield f"odometry tells of too {told} a way: in the end it was taken {scale:.2f} times"
+    if unforeseen := sum(row.told.foreseen < LEAST for row in rows):
+        yield (
+            f"at {unforeseen:,} images the last ones had looked hardly more like where the robot was thought to be "
+            "than like any other place: either the map does not show them, or odometry is wrong"
+        )
 
 
 def _animated(

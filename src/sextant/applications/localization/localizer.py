@@ -35,11 +35,13 @@ from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
 from sextant.data.localization.odometry_file import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
+from sextant.geometry.planar import se2_compose
 from sextant.localization.appearance_change import AppearanceChange
 from sextant.localization.belief import Belief
 from sextant.localization.descriptor_map import DescriptorMap
 from sextant.localization.estimate import estimate
 from sextant.localization.evidence_scale import USUAL_ODDS, EvidenceScale, ScaledEvidence
+from sextant.localization.foresight import Foresight, drawn_evenly, foreseen
 from sextant.localization.initialisation import AppearanceStart, Initialisation, UniformStart
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.map_support import images_near, map_spacing
@@ -47,6 +49,7 @@ from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
+from sextant.localization.odometry_scale import OdometryScale
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
@@ -78,10 +81,13 @@ class LocalizedPose:
         covariance: of the particles in it.
         mass: the share of the weight that it holds.
         modes: how many there are.
-        lost: it holds less than half of the weight.
+        lost: it holds less than half of the weight, or the images of late were not foreseen.
         off_map: chance of being where the map shows nothing; 0 for a filter without
             :class:`~sextant.localization.map_support.MapSupport`.
         degenerate: no particle explained the image, which was dropped.
+        foreseen: the share of the map that the last twenty images looked less like, on average, than where the robot
+            was believed to be before each: 1/2 is chance, less than 0.65 is lost; nan before the fifth. See
+            :mod:`~sextant.localization.foresight`.
     """
 
     pose: Float64[ndarray, "3"]
@@ -91,6 +97,7 @@ class LocalizedPose:
     lost: bool
     degenerate: bool = False
     off_map: float = 0.0
+    foreseen: float = math.nan
 
     @property
     def sigmas(self) -> Float64[ndarray, "3"]:
@@ -111,8 +118,9 @@ class Localizer:
         unit: of positions.
         particles: unless their number adapts.
         adapts: learn while driving how the look of the world has changed since the map was made,
-            :class:`~sextant.localization.appearance_change.AppearanceChange`, and count images by how new they are; for
-            a likelihood that was not fitted to another drive.
+            :class:`~sextant.localization.appearance_change.AppearanceChange`, and by how much odometry errs alike,
+            :class:`~sextant.localization.odometry_scale.OdometryScale`, and count images by how new they are; for a
+            likelihood that was not fitted to another drive.
         odds: with ``adapts``, the scale of one image's evidence, as for
             :class:`~sextant.localization.evidence_scale.EvidenceScale`; None takes the likelihood's as it is.
         start: where they are before the first image.
@@ -170,10 +178,13 @@ class Localizer:
         _check_whole("seed", self.seed, 0, "For example seed=1")
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
-        self._past: list[tuple[Belief, Tensor]] = []
+        self._past: list[tuple[Belief, Tensor, Foresight]] = []
         self._change = AppearanceChange.none(self.model.map.dimension)
         self._counted, self._way = torch.empty(0), math.inf  # the last image that told something, and the way since
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
+        self._foresight = Foresight()
+        self._odometry = OdometryScale()
+        self._before: LocalizedPose | None = None
 
     @torch.no_grad()
     def step(
@@ -195,11 +206,14 @@ class Localizer:
                 has no descriptor that images could be described with.
         """
         seen = self._seen(image, descriptor)
-        moved = _motion(motion)
+        moved = self._odometry.applied(_motion(motion))
         self._way += self._steps_of_map(moved)
         follows = self._state is None or bool(moved.isfinite().all())
-        evidence = None if seen is None else self._evidence(seen, follows=follows)
+        new = 0.0 if seen is None else self._newness(seen)
+        evidence = None if seen is None else self._evidence(seen, new, follows=follows)
         looked = torch.tensor([evidence is not None])
+        if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
+            self._foresight = self._compared(self._state.belief, moved, evidence, new)
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
             weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
@@ -207,8 +221,18 @@ class Localizer:
         else:
             state, told = self.filter.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
-        self._past = [*self._past[-self.lag :], (state.belief, moved)] if self.lag else []
-        return self._told(state.belief, degenerate=bool(told.degenerate[0]))
+        self._past = [*self._past[-self.lag :], (state.belief, moved, self._foresight)] if self.lag else []
+        found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
+        if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
+            before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
+            self._odometry = self._odometry.seen(moved, before, after, self._spacing)
+        self._before = found
+        return found
+
+    @property
+    def odometry_scale(self) -> float:
+        """What odometry is multiplied by, learned since the last reset; 1 for a localizer that does not adapt."""
+        return self._odometry.factor
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
@@ -218,15 +242,22 @@ class Localizer:
         Args:
             progress: called with the number of steps that are smoothed, and of all.
         """
-        beliefs, motions = [belief for belief, _ in self._past], [motion[None] for _, motion in self._past[1:]]
+        beliefs, motions = [belief for belief, _, _ in self._past], [motion[None] for _, motion, _ in self._past[1:]]
         if not beliefs:
             return []
         draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
-        return [
-            self._told(belief) for belief in smoothed(beliefs, motions, self.filter.motion, draws, progress=progress)
-        ]
+        better = smoothed(beliefs, motions, self.filter.motion, draws, progress=progress)
+        return [self._told(belief, foresight) for belief, (_, _, foresight) in zip(better, self._past, strict=True)]
 
-    def _told(self, belief: Belief, *, degenerate: bool = False) -> LocalizedPose:
+    def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
+        """With how well the belief before an image had foreseen it."""
+        rows = drawn_evenly(belief.weights[0])
+        poses, support = se2_compose(belief.poses[:, rows], moved[None, None]), self.filter.support
+        on_map = 1.0 if support is None else float(support.share(poses).mean())
+        found = foreseen(evidence.over_map()[0], self._near.nearest(poses[0]))
+        return self._foresight.seen(found, new * on_map)
+
+    def _told(self, belief: Belief, foresight: Foresight, *, degenerate: bool = False) -> LocalizedPose:
         found = estimate(belief, self.radius)
         mass = float(found.mass[0])
         support = self.filter.support
@@ -235,9 +266,10 @@ class Localizer:
             found.covariance[0].numpy(),
             mass,
             int(found.modes[0]),
-            mass < MODE_MASS,
+            mass < MODE_MASS or foresight.failed,
             degenerate,
             0.0 if support is None else float(support.off_map(belief)[0]),
+            foresight.told,
         )
 
     @property
@@ -281,17 +313,19 @@ class Localizer:
         pixels = as_pixels(image, self.image_size)
         return np.asarray(self.descriptor.describer.describe(pixels[None])[0])
 
-    def _evidence(self, seen: Tensor, *, follows: bool) -> Evidence | None:
-        """What an image tells, None for the last one again.
+    def _evidence(self, seen: Tensor, new: float, *, follows: bool) -> Evidence | None:
+        """What an image tells, which is so new; None for the last one again.
 
         ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown,
         they spread so far between images that what the last ones told is forgotten by itself.
         """
+        if new >= SAME:
+            self._counted, self._way = seen, 0.0
         if not self.adapts:
-            return self.model.observe(seen[None], self.likelihood)
-        if (new := self._newness(seen)) < SAME:
+            plain = self.model.observe(seen[None], self.likelihood)
+            return ScaledEvidence(plain, plain.over_map(), 1.0)
+        if new < SAME:
             return None
-        self._counted, self._way = seen, 0.0
         where, dimension = self.model.map, self.model.map.dimension
         change = self._change.seen(seen, new)
         residuals = self.model.residuals_over_map(change.centred(seen, where.mean)[None])

@@ -1,0 +1,104 @@
+r"""Whether images look like the places where the robot was believed to be before they were taken.
+
+A filter that is sure of itself may follow wrong odometry, or images of another world: some place of the map always
+looks most alike. What cannot be had by chance is to foresee. With F_i the share of the map's images that an image looks
+less like than like image i, and with i(x) the image nearest to a pose, the belief had foreseen it by
+
+.. math:: f_t = \sum_k W_{t-1}^k \, F_{i(x_{t-1}^k \circ u_t)} :
+
+1 if nothing else looks more alike, 1/2 on average if the belief has nothing to do with what is seen, whatever the
+descriptor. The mean of f over the last n images, each of which counts by how new it is and by how much of the belief is
+on the map, says whether the filter knows where it is. Where odometry is missing nothing can be foreseen.
+
+Constants were chosen on Gardens Point and the railway of Nordland (docs/localization.md, "When it is lost").
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from jaxtyping import Float64, Int64
+from torch import Tensor
+
+#: n: images that the mean goes back
+REMEMBERED = 20.0
+#: images without which nothing is said
+FEWEST = 5.0
+#: a belief that foresaw less than that has lost the way
+LEAST = 0.65
+#: images of the map that an image is compared with, and poses of the belief that are asked, evenly chosen
+LOOKED_AT, ASKED = 4096, 128
+
+
+@dataclass(frozen=True)
+class Foresight:
+    r"""How well the images of late were foreseen.
+
+    Attributes:
+        mean: of f.
+        images: by weight, at most n.
+
+    Example:
+        >>> foresight, over_map = Foresight(), torch.arange(10.0).double()  # each image looks most like the tenth
+        >>> for _ in range(5):
+        ...     foresight = foresight.seen(foreseen(over_map, torch.tensor([2])), 1.0)  # the third was expected
+        >>> round(foresight.told, 2), foresight.failed
+        (0.22, True)
+    """
+
+    mean: float = 0.5
+    images: float = 0.0
+
+    def seen(self, foreseen: float, weight: float) -> Self:
+        """With one image more; one that is not a number tells nothing."""
+        if weight <= 0 or not math.isfinite(foreseen):
+            return self
+        images = min(self.images + weight, REMEMBERED)
+        return type(self)(self.mean + min(1.0, weight / images) * (foreseen - self.mean), images)
+
+    @property
+    def told(self) -> float:
+        """The mean, nan before the fifth image."""
+        return self.mean if self.images >= FEWEST else math.nan
+
+    @property
+    def failed(self) -> bool:
+        """Whether the belief did not foresee what was seen."""
+        return self.told < LEAST
+
+
+def foreseen(over_map: Float64[Tensor, " n"], expected: Int64[Tensor, " k"]) -> float:
+    """f of one image.
+
+    Args:
+        over_map: its log-likelihoods at the images of the map.
+        expected: rows of the images of the map nearest to poses of the belief, which count alike.
+
+    Returns:
+        the mean share of the other images that it looks less like; of as many as look alike, half. nan if there is no
+        other image.
+
+    Example:
+        >>> over_map = torch.tensor([0.0, -1.0, -2.0, -3.0, -4.0], dtype=torch.float64)
+        >>> foreseen(over_map, torch.tensor([0, 1]))  # the one that looks most alike, and the next
+        0.875
+    """
+    some = over_map[:: -(-len(over_map) // LOOKED_AT)]
+    some = some[some.isfinite()].sort().values
+    if len(some) < 2:
+        return math.nan
+    told = over_map[expected].nan_to_num(-torch.inf)
+    below = torch.searchsorted(some, told) + torch.searchsorted(some, told, right=True) - 1  # twice, itself half
+    return float((below / (2 * (len(some) - 1))).clamp(0, 1).mean())
+
+
+def drawn_evenly(weights: Float64[Tensor, " p"]) -> Int64[Tensor, " k"]:
+    """Rows of particles that count alike, without chance: at the middles of 128 equal parts of the weight.
+
+    Example:
+        >>> drawn_evenly(torch.tensor([0.5, 0.0, 0.25, 0.25])).bincount()
+        tensor([64,  0, 32, 32])
+    """
+    middles = (torch.arange(ASKED, dtype=weights.dtype, device=weights.device) + 0.5) / ASKED
+    return torch.searchsorted(weights.cumsum(0), middles * weights.sum()).clamp(max=len(weights) - 1)
