@@ -73,7 +73,9 @@ def cache(tmp_path_factory):
     return office_cache(tmp_path_factory)
 
 
-@pytest.mark.parametrize("precision", ON_CPU)
+@pytest.mark.parametrize(
+    "precision", [name if name == "bf16-mixed" else pytest.param(name, marks=pytest.mark.slow) for name in ON_CPU]
+)
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.__name__)
 def test_a_run_ends_with_its_report(tmp_path, cache, task, precision, monkeypatch):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX512")  # bfloat16 is computed in anywhere
