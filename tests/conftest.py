@@ -79,7 +79,7 @@ def database_made_once():
     """MLflow makes its tables once for all tests of a process, which takes it seconds; other stores start as copies."""
     from sextant.tracking import store
 
-    make, kept = store._make_database, []
+    make, kept = store._make_tables, []
 
     def make_or_copy(database):
         if not kept:
@@ -89,7 +89,7 @@ def database_made_once():
             database.write_bytes(kept[0])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store, "_make_database", make_or_copy)
+        patch.setattr(store, "_make_tables", make_or_copy)
         yield
 
 

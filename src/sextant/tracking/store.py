@@ -178,13 +178,17 @@ def require_server(uri: str) -> None:
 
 def _make_database(database: Path) -> None:
     """Make MLflow's tables beside the database and rename it into place: a process killed halfway leaves no half."""
-    from mlflow import MlflowClient
-
     for leftover in database.parent.glob(".mlflow.db.*.tmp*"):
         leftover.unlink()
     temporary = database.with_name(f".mlflow.db.{os.getpid()}.tmp")
-    MlflowClient(f"sqlite:///{temporary}").get_experiment("0")
+    _make_tables(temporary)
     temporary.replace(database)
+
+
+def _make_tables(database: Path) -> None:
+    from mlflow import MlflowClient
+
+    MlflowClient(f"sqlite:///{database}").get_experiment("0")
 
 
 def _require_sqlite(database: Path) -> None:
