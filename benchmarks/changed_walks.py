@@ -146,9 +146,9 @@ def drive(
         near = np.hypot(*away) <= 2
         sure = not (told.lost or near or inside)
         if step >= (len(seen) - 20 - stands // 2 if stands else JUDGED_FROM):
-            judged = (near, inside, told.lost, told.off_map, sure, told.lost and near)
-            rows.append((off_line, *(100 * float(value) for value in judged)))
-    return np.mean(rows, axis=0)[[1, 0, *range(2, 7)]]
+            judged = (inside, told.lost, told.off_map, sure, told.lost and near)
+            rows.append((100 * near, off_line, *(100 * float(value) for value in judged)))
+    return np.mean(rows, axis=0)
 
 
 def elsewhere(localizer: Localizer, data: Path, walk: str) -> tuple[list[ndarray], ndarray]:

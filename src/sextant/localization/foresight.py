@@ -7,9 +7,11 @@ less like than like image i, and with i(x) the image nearest to a pose, the beli
 .. math:: f_t = \sum_k W_{t-1}^k \, F_{i(x_{t-1}^k \circ u_t)} :
 
 1 if nothing else looks more alike, 1/2 on average if the belief has nothing to do with what is seen, whatever the
-descriptor. The mean of f over the last n images, each of which counts by how new it is and by how much of the belief is
-on the map, says whether the filter knows where it is. Where odometry is missing nothing can be foreseen.
+descriptor. A running mean of f that remembers about n images, each of which counts by how new it is and by how much of
+the belief is on the map, says whether the filter knows where it is. Where odometry is missing nothing can be foreseen.
 
+It is the innovation test of Kalman filters (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to
+Tracking and Navigation", 2001, section 5.4) in ranks, which need no likelihood that is right in absolute terms.
 Constants were chosen on Gardens Point and the railway of Nordland (docs/localization.md, "When it is lost").
 """
 
@@ -21,7 +23,7 @@ import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
-#: n: images that the mean goes back
+#: n: an image counts for one part in so many of the mean, once there were as many
 REMEMBERED = 20.0
 #: images without which nothing is said
 FEWEST = 5.0

@@ -9,6 +9,8 @@ far, again and again. So the factor s by which odometry is multiplied follows wh
 
 with u the way that odometry reports, d the way between the estimates before and after, both in the robot's frame
 before, and Δ the spacing of the map: an integral controller, which rests where estimates move as far as odometry says.
+A. Martinelli, N. Tomatis, R. Siegwart, "Simultaneous localization and odometry self calibration for mobile robot",
+Autonomous Robots 22, 2007, estimate such errors as part of the state instead; particles would need a dimension more.
 
 The gain was chosen on Gardens Point by night and the railway of Nordland from 300 on (docs/localization.md, "In a
 changed world, out of the box").

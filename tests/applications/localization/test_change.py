@@ -35,11 +35,11 @@ class Street:
     def at(self, wall, i):
         return np.clip(128 + 40 * wall[:, round(i * 12) : round(i * 12) + 48], 0, 255).astype(np.uint8)
 
-    def drive(self, localizer, wall=None, start=10, count=50, jump=None, seed=0):
+    def drive(self, localizer, wall=None, start=10, count=50, jump=None, seed=0, scale=1.0, noise=0.1):
         localizer.reset(seed)
         rng, found = np.random.default_rng(seed), []
         for k in range(count):
-            motion = self.step * np.array([1 + 0.1 * rng.normal(), 0.0, 0.0])
+            motion = self.step * np.array([scale + noise * rng.normal(), 0.0, 0.0])
             motion = np.array([jump[1], 0.0, 0.0]) if jump and k == jump[0] else motion
             found.append(localizer.step(motion, self.at(self.winter if wall is None else wall, start + k)))
         away = [np.hypot(*(one.pose[:2] - (self.step * (start + k), 0))) for k, one in enumerate(found)]
@@ -101,25 +101,16 @@ def test_a_robot_that_stands_grows_no_surer_of_what_it_sees(street, localizer):
 
 @pytest.mark.parametrize("scale", [0.9, 1.1])
 def test_odometry_may_err_alike_in_each_step(street, localizer, scale):
-    localizer.reset(0)
-    rng, off = np.random.default_rng(0), []
-    for k in range(60):
-        motion = street.step * np.array([scale + 0.05 * rng.normal(), 0.0, 0.0])
-        told = localizer.step(motion, street.at(street.winter, 10 + k))
-        off.append(abs(told.pose[0] / street.step - 10 - k) / (told.sigmas[0] / street.step))
-    assert np.mean(np.array(off[20:]) < 2.5) > 0.8
+    found, away = street.drive(localizer, count=60, scale=scale, noise=0.05)
+    sigmas = np.array([one.sigmas[0] for one in found]) / street.step
+    assert np.mean((away / sigmas)[20:] < 2.5) > 0.8
 
 
 @pytest.mark.parametrize("scale", [0.6, 1.4])
 def test_odometry_that_is_far_off_is_put_right_on_the_way(street, localizer, scale):
-    localizer.reset(0)
-    rng, away = np.random.default_rng(0), []
-    for k in range(60):
-        motion = street.step * np.array([scale + 0.05 * rng.normal(), 0.0, 0.0])
-        told = localizer.step(motion, street.at(street.winter, 10 + k))
-        away.append(abs(told.pose[0] / street.step - 10 - k))
+    _, away = street.drive(localizer, count=60, scale=scale, noise=0.05)
     assert localizer.odometry_scale == pytest.approx(1 / scale, rel=0.15)
-    assert np.mean(np.array(away[40:]) < 2) > 0.8
+    assert np.mean(away[40:] < 2) > 0.8
     localizer.reset(0)
     assert localizer.odometry_scale == 1
 

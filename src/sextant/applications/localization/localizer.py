@@ -85,8 +85,8 @@ class LocalizedPose:
         off_map: chance of being where the map shows nothing; 0 for a filter without
             :class:`~sextant.localization.map_support.MapSupport`.
         degenerate: no particle explained the image, which was dropped.
-        foreseen: the share of the map that the last twenty images looked less like, on average, than where the robot
-            was believed to be before each: 1/2 is chance, less than 0.65 is lost; nan before the fifth. See
+        foreseen: the share of the map that the images of late, some twenty, looked less like, on average, than where
+            the robot was believed to be before each: 1/2 is chance, less than 0.65 is lost; nan before the fifth. See
             :mod:`~sextant.localization.foresight`.
     """
 
