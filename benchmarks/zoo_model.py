@@ -2,10 +2,11 @@
 
 Of calibration ``intervals=<run>`` is needed too, a run of the same recipe that left out panoramas which the shipped
 network was trained on. What intervals and the looks of photos rest on is measured with it on these panoramas, 40 crops
-of each, which count as independent.
+of each, which count as independent. The map of a run of localization goes beside its weights, without its pictures.
 """
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from sextant.applications.localization.found_map import find_map
+from sextant.applications.localization.localizer_folder import PICTURES
 from sextant.applications.places.run_facts import FITTED
 from sextant.cli.arguments import parse_arguments
 from sextant.config import validate
@@ -87,7 +90,11 @@ def main() -> None:
     facts = json.loads(Path(given["card"]).read_text(encoding="utf-8"))
     if FITTED in facts:  # of place recognition: confidences, by benchmarks.unseen_places
         model["spec"] = {**model["spec"], FITTED: facts.pop(FITTED)}
-    print(write_model(given["name"], model, weights, facts))
+    written = write_model(given["name"], model, weights, facts)
+    if folder := find_map(given["run"], outputs) if trained["task"] == "localization" else None:
+        shutil.rmtree(kept_map := written.with_suffix(""), ignore_errors=True)
+        shutil.copytree(folder, kept_map, ignore=shutil.ignore_patterns(PICTURES))
+    print(written)
 
 
 if __name__ == "__main__":

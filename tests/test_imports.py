@@ -3,6 +3,7 @@ import sys
 
 import grimp
 import networkx
+import pytest
 
 HEAVY = ("pytorch_lightning", "hydra", "omegaconf", "mlflow", "rich", "torchvision", "matplotlib")
 
@@ -14,6 +15,7 @@ def test_no_module_imports_itself_through_others():
     assert circles == []
 
 
+@pytest.mark.slow
 def test_applications_need_neither_hydra_nor_lightning_nor_mlflow():
     program = f"""
 import importlib, pkgutil, sys

@@ -29,6 +29,7 @@ def test_work_of_a_child_counts():
         subprocess.run([sys.executable, "-S", "-c", code], check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_waiting_and_compiling_do_not_count():
     numba.njit(lambda x: x + 1)(1)  # what the compiler sets up once
@@ -37,6 +38,7 @@ def test_waiting_and_compiling_do_not_count():
         numba.njit(lambda x: sum([x**k for k in range(5)]))(1.5)
 
 
+@pytest.mark.slow
 def test_workers_count_where_they_worked():
     def ends_its_workers():
         joblib.Parallel(2)(joblib.delayed(work)(1.5) for _ in range(2))

@@ -82,6 +82,7 @@ def damaged(whole, flips):
     return bytes(found)
 
 
+@pytest.mark.slow
 @fuzz
 @given(flips=DAMAGE)
 def test_no_flipped_byte_of_a_sealed_file_goes_unseen(path, flips):
@@ -93,6 +94,7 @@ def test_no_flipped_byte_of_a_sealed_file_goes_unseen(path, flips):
         load_checkpoint(path)
 
 
+@pytest.mark.slow
 @fuzz
 @given(flips=DAMAGE)
 def test_a_file_from_before_with_flipped_bytes_is_refused_or_holds_what_it_held(path, flips):

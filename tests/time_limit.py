@@ -10,7 +10,7 @@ import pytest
 from numba.core.event import install_timer
 
 #: no limit for as many examples as somebody asked for
-LONGEST_S = math.inf if "SEXTANT_EXAMPLES" in os.environ else 10.0
+LONGEST_S = math.inf if "SEXTANT_EXAMPLES" in os.environ else 5.0
 
 
 def cpu_seconds():

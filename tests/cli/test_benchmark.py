@@ -36,6 +36,7 @@ def photos(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_all_methods_are_measured_and_written(benchmark, photos, tmp_path):
     checkpoint = tiny_checkpoint(tmp_path / "last.ckpt")
     status, said = benchmark("calibration", f"run={checkpoint}", f"folder={photos}", f"output={tmp_path / 'out'}")

@@ -70,6 +70,7 @@ def test_the_same_command_returns_the_finished_run(folder, trained):
     assert outcome.directory == run.path
 
 
+@pytest.mark.slow
 def test_evaluation_repeats_the_test_of_training(trained):
     outputs, run = trained
     evaluate.main([f"run={run.path}", "tracking=none", f"paths.outputs={outputs}", f"paths.cache={outputs}/data"])
@@ -78,6 +79,7 @@ def test_evaluation_repeats_the_test_of_training(trained):
     assert found == {key: value for key, value in expected.items() if key.startswith("test/")}
 
 
+@pytest.mark.slow
 def test_an_evaluation_may_leave_out_the_geometric_methods_but_not_change_the_network(trained):
     outputs, run = trained
     again = [f"run={run.path}", "tracking=none", f"paths.outputs={outputs}", f"paths.cache={outputs}/data"]
@@ -94,6 +96,7 @@ def test_an_evaluation_may_leave_out_the_geometric_methods_but_not_change_the_ne
             evaluate.main([*again, wrong])
 
 
+@pytest.mark.slow
 def test_photos_of_any_kind_are_calibrated(trained, tmp_path):
     outputs, run = trained
     rng = np.random.default_rng(1)

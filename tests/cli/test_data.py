@@ -124,6 +124,7 @@ def test_a_name_that_several_stores_share_is_told(data):
     assert "several stores" in said
 
 
+@pytest.mark.slow
 def test_ctrl_c_says_how_far_it_was_and_the_same_command_resumes(tmp_path):
     environment = {**os.environ, "SEXTANT_OUTPUTS": str(tmp_path), "PYTHONPATH": str(ROOT / "tests")}
     code = "import sys; from sextant.cli import run; run('data', sys.argv[1:])"
@@ -150,6 +151,7 @@ def test_ctrl_c_says_how_far_it_was_and_the_same_command_resumes(tmp_path):
     assert "of 4,000 rendered; the same command resumes" in said
 
 
+@pytest.mark.slow
 def test_nothing_heavy_is_imported(tmp_path):
     environment = {**os.environ, "SEXTANT_OUTPUTS": str(tmp_path), "PYTHONPATH": str(ROOT / "tests")}
     code = (

@@ -24,6 +24,7 @@ def doctor(capsys):
     return run
 
 
+@pytest.mark.slow
 def test_calibration_is_sound_here(doctor):
     status, said = doctor("calibration")
     assert status == 0, said
@@ -44,6 +45,7 @@ def test_a_failure_is_shown_and_is_the_exit_status(doctor, monkeypatch):
     assert "0 passed, 1 failed" in said
 
 
+@pytest.mark.slow
 def test_what_is_skipped_says_why(doctor, monkeypatch):
     monkeypatch.setattr("sextant.cli.doctor._crop", lambda: (None, "no crops yet"))
     status, said = doctor("calibration")

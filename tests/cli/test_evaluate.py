@@ -36,6 +36,7 @@ def test_evaluation_repeats_the_test_of_training(trained):
     assert evaluated(outputs, f"run={run.path}") == expected
 
 
+@pytest.mark.slow
 def test_under_other_corruptions(trained):
     outputs, run = trained
     metrics = evaluated(
@@ -95,6 +96,7 @@ def test_a_checkpoint_that_names_foreign_code_is_not_built(trained, tmp_path):
     assert not target.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["predict", "evaluate"])
 def test_a_damaged_checkpoint_is_not_used(trained, tmp_path, command):
     outputs, run = trained
@@ -124,6 +126,7 @@ def test_weights_so_large_that_answers_are_nan(trained, tmp_path):
         predict.main([f"run={tmp_path / 'large.ckpt'}", f"input={run.figures}", f"output={tmp_path / 'out'}"])
 
 
+@pytest.mark.slow
 def test_a_run_is_not_resumed_from_a_damaged_checkpoint(tmp_path, monkeypatch):
     raw = quick_config(tmp_path, "tracking=none")
     monkeypatch.setattr("sextant.lifecycle.training._test", lambda *given: (_ for _ in ()).throw(KeyboardInterrupt))
@@ -190,6 +193,7 @@ def test_predict_without_images(trained, tmp_path):
         predict.main([f"run={run.path}", f"input={tmp_path}", f"output={tmp_path / 'out'}", f"outputs={outputs}"])
 
 
+@pytest.mark.slow
 def test_stored_corruptions_give_the_figures_of_drawn_ones(trained, tmp_path):
     from sextant.cli import corruptions_make
 

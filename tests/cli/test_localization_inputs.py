@@ -103,6 +103,7 @@ def replaced(old, new):
 # -- the map -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_images_of_the_map_at_one_pose(folder, told):
     change(folder, "map", "poses", replaced("004.png,4.0", "004.png,3.0"))
     said = told(arguments(folder))
@@ -111,6 +112,7 @@ def test_images_of_the_map_at_one_pose(folder, told):
     assert "dataset.skip_bad=true" in said
 
 
+@pytest.mark.slow
 def test_they_are_left_out_if_so_wished(folder):
     change(folder, "map", "poses", replaced("004.png,4.0", "004.png,3.0"))
     assert "left out 004.png = 003.png" in run(arguments(folder, "dataset.skip_bad=true"))["notes"]
@@ -154,6 +156,7 @@ def test_drives_that_are_nowhere_near_the_map(folder, told):
 # -- odometry ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_without_odometry_it_works_and_says_so(folder):
     found = run(arguments(folder, "dataset.odometry=null"))
     assert any("nothing is known about motion" in note for note in found["notes"])
@@ -210,6 +213,7 @@ def vectors(folder, widths):
     return "descriptor=files", f"descriptor.folder={folder.parent / 'vectors'}"
 
 
+@pytest.mark.slow
 def test_vectors_worked_out_elsewhere(folder):
     found = run(arguments(folder, *vectors(folder, {})))
     assert found["metrics"]["val/place_nll"] < found["metrics"]["val/place_nll_uniform"]
@@ -278,6 +282,7 @@ def test_the_digest_follows_what_a_descriptor_is_and_not_where_it_lies(tmp_path)
         assert here != other
 
 
+@pytest.mark.slow
 def test_a_run_that_gives_no_descriptor(folder, told):
     other = execute(quick_config(folder.parent / "out", "tracking=none", "trainer.max_epochs=1")).directory
     said = told(arguments(folder, "descriptor=run", f"descriptor.run={other}"))
@@ -332,11 +337,13 @@ def test_a_season_that_the_dataset_has_not(cache, told, tmp_path):
     assert "summer_noon" in said
 
 
+@pytest.mark.slow
 def test_one_particle_works(folder):
     found = run(arguments(folder, "filter.particles=1", "recovery=none"))
     assert 0 <= found["metrics"]["test/success"] <= 1
 
 
+@pytest.mark.slow
 def test_a_horizon_longer_than_the_drive_works_and_is_noted(folder):
     found = run(arguments(folder, "task.horizon=500"))
     assert any("task.horizon=500" in note and "run" in note for note in found["notes"])

@@ -67,6 +67,7 @@ def camera(office, monkeypatch):
     return Office
 
 
+@pytest.mark.slow
 def test_it_says_what_predict_says(office, photos, tmp_path):
     found = run(office, photos, tmp_path / "a", "seed=3")
     predict.main([f"run={office.folder}", f"input={photos}", f"output={tmp_path / 'b'}", "replay=none", "seed=3"])
@@ -180,6 +181,7 @@ def moments(office, count):
         yield Moment.of(k, Row(f"{k:04d}.png", told), localizer, office.images[k])
 
 
+@pytest.mark.slow
 def test_the_page_is_told_of_each_later_step_once(office):
     localizer = Localizer.load(office.folder)
     watch = Watch(localizer.model.map.poses[:, :2].numpy())
@@ -237,6 +239,7 @@ def test_the_command_shows_the_drive(office, photos, tmp_path, monkeypatch, caps
     assert len(opened) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
 def test_the_page_shows_the_steps_in_a_browser(office, tmp_path):
     localizer, addresses = Localizer.load(office.folder), []

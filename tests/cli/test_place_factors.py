@@ -75,6 +75,7 @@ def evaluated(outputs, run, *overrides):
     return RunDirectory(newest.parent), json.loads(newest.read_text())
 
 
+@pytest.mark.slow
 def test_the_layer_is_a_row_of_the_table(trained):
     _, run = trained
     rows = {row["method"]: row for row in run.results()["table"]}
@@ -88,6 +89,7 @@ def test_the_layer_is_a_row_of_the_table(trained):
     assert results["ceiling"] == {"R@1_pm0f_half_to_day": 1.0}
 
 
+@pytest.mark.slow
 def test_a_whitening_that_cannot_be_learnt_is_named(trained, shelf):
     outputs, run = trained
     wish = f"task.off_the_shelf={{weights: {shelf}, layer: layer1, dimension: 100}}"
@@ -96,6 +98,7 @@ def test_a_whitening_that_cannot_be_learnt_is_named(trained, shelf):
     assert "needs more reference images" in results["baselines_left_out"]["half"][SHELF]
 
 
+@pytest.mark.slow
 def test_conditions_named_by_factors_become_curves(trained):
     outputs, run = trained
     directory, results = evaluated(
@@ -112,6 +115,7 @@ def test_conditions_named_by_factors_become_curves(trained):
     assert metrics["test/recall_at_1"] == pytest.approx(np.mean(curves["network"]["recall"]))
 
 
+@pytest.mark.slow
 def test_curves_need_no_validation_split(trained):
     outputs, run = trained
     test = r"dataset.test={day: test/day, fog\=+0.5: test/half}"

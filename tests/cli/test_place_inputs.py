@@ -164,6 +164,7 @@ def test_names_that_tell_no_pose(folder, told):
     assert "dataset.test.night: 1 of 6 names contain no pose\n  @east@100.0@.png" in told("dataset.places=utm")
 
 
+@pytest.mark.slow
 def test_headings_that_some_names_lack(folder, told):
     utm_names(folder, lambda n: "" if n == 4 else "90")
     said = told("dataset.places=utm")
@@ -195,6 +196,7 @@ def test_a_corrupt_frame(folder, told, split):
     assert "dataset.skip_bad=true" in said
 
 
+@pytest.mark.slow
 def test_corrupt_frames_that_are_left_out_are_in_the_record(folder):
     for split in SPLITS:
         (folder / split / "night" / "3.png").write_bytes(f"no image of {split}".encode())
@@ -263,6 +265,7 @@ def test_a_folder_must_be_named(capsys):
 # -- queries without a positive ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_queries_without_a_positive_are_counted(folder):
     tables(folder, lambda rows: ["0.png,9000,0,90", "1.png,8000,0,90", *rows[2:]])
     metrics = trained(folder, "dataset.places=csv")["metrics"]
@@ -307,6 +310,7 @@ def test_two_folders_are_a_test_with_baselines_and_a_tolerance_of_its_own(folder
     assert shown[2] != shown[0]
 
 
+@pytest.mark.slow
 def test_evaluation_says_which_split_it_needs(folder, capsys):
     outcome = execute(to_plain(compose(arguments(folder, "dataset.places=order"))))
     again = [f"run={outcome.directory}", "tracking=none", f"paths.outputs={folder.parent / 'outputs'}"]

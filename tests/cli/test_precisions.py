@@ -92,6 +92,7 @@ def test_a_run_ends_with_its_report(tmp_path, cache, task, precision, monkeypatc
         assert all(array.dtype.kind != "V" for array in arrays.values())  # which numpy makes of what it does not know
 
 
+@pytest.mark.slow
 def test_a_processor_without_bfloat16_computes_in_float32_and_says_so(tmp_path, cache, monkeypatch):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
     monkeypatch.setattr(platform, "machine", lambda: "x86_64")

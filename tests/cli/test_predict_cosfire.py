@@ -46,6 +46,7 @@ def test_classes_are_those_that_the_test_found(usual, photos, tmp_path, capsys):
     assert (out / "predictions.png").exists()
 
 
+@pytest.mark.slow
 def test_an_image_alone_has_the_scores_that_it_has_among_others(usual, photos, tmp_path):
     found = []
     for number, given in enumerate((photos, photos / "05.png")):

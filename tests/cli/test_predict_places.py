@@ -116,6 +116,7 @@ def test_pairs_for_colmap_are_named_below_the_folder_around_both(rides, tmp_path
     assert len(lines) == 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centring", ["running", "all"])
 def test_the_mean_of_a_ride_is_taken_away(rides, tmp_path, centring):
     rows, told = look_up(*rides, tmp_path / "out", centring=centring)
@@ -134,6 +135,7 @@ def test_the_mean_of_a_ride_is_taken_away(rides, tmp_path, centring):
     assert [each.best.photo.name for each in from_python] == [row["matches"][0]["match"] for row in rows]
 
 
+@pytest.mark.slow
 def test_it_says_how_baselines_are_tested_on_the_same_folders(trained, tmp_path, capsys):
     root, run = trained
     rides = tmp_path / "two, rides"
@@ -153,6 +155,7 @@ def test_it_says_how_baselines_are_tested_on_the_same_folders(trained, tmp_path,
     assert f"{100 * told['counts']['right'] / PLACES['test']:.1f}" in ours
 
 
+@pytest.mark.slow
 def test_a_map_from_python_says_what_the_command_says(trained, tmp_path):
     root, run = trained
     out = tmp_path / "out"
@@ -242,6 +245,7 @@ def test_neither_depends_on_the_block(monkeypatch):
 # --- what is looked up, and how the truth is known -------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_places_of_several_images_share_their_probability(rides, tmp_path):
     day, night = rides
     alone, _ = look_up(day, night, tmp_path / "a", temperature=1.0, matches=6)
@@ -290,6 +294,7 @@ def test_truth(tmp_path, known):
     assert table[0]["right"] == "true"
 
 
+@pytest.mark.slow
 def test_a_table_by_relative_paths_by_links_and_for_one_query(tmp_path, monkeypatch):
     """The folder may be named in any way, and rows of photos that are not asked for are no mistake."""
     for folder in (ride(tmp_path / "day", range(3)), ride(tmp_path / "night", range(3), True)):
@@ -394,6 +399,7 @@ def test_photos_of_another_shape_and_copies_are_told(rides, tmp_path):
 # --- what fails ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_photo_that_fails_is_named_and_the_rest_go_on(rides, tmp_path, capsys):
     day, night = rides
     for folder in rides:
@@ -519,6 +525,7 @@ def test_keys_of_places_are_refused_by_other_tasks(rides, tmp_path, monkeypatch,
 # --- what is written -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_map_is_described_once_and_used_again_without_its_photos(rides, tmp_path):
     day, night = rides
     (day / "bad.png").write_bytes(b"nothing")
@@ -586,6 +593,7 @@ def test_a_full_disk(rides, tmp_path, monkeypatch, name):
         look_up(*rides, tmp_path / "out", descriptors="true")
 
 
+@pytest.mark.slow
 def test_pages_of_the_gallery_are_no_photos_and_old_ones_go(rides, tmp_path, monkeypatch):
     day, night = rides
     monkeypatch.setattr(gallery_pages, "QUERIES", 5)

@@ -27,6 +27,7 @@ def test_a_folder_of_config_files_is_found(own, capsys, spelt):
     assert "variant: C" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_its_options_are_named_where_one_is_wrong(own, capsys):
     for arguments, said in (
         ([f"--config-dir={own}", "backbone=min"], "Did you mean backbone=mine?"),

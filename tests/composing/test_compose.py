@@ -50,6 +50,7 @@ def test_the_wrong_one_of_several_is_named():
     assert "backbone=lenet_z" in told(["dataset=digits", "optimizer.lr=0.1", "backbone=lenet_z"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["sampling.tilt", "sampling.tlit"])
 def test_a_value_of_another_kind_is_never_suggested(key):
     said = told(["task=calibration", f"{key}=[10,-10]"])

@@ -28,6 +28,7 @@ def outcome(overrides):
         return str(error)
 
 
+@pytest.mark.slow
 def test_they_are_the_same():
     alone = [outcome(overrides) for overrides in CHOICES]
     assert sum(isinstance(found, dict) for found in alone) > 6

@@ -39,6 +39,7 @@ def test_what_is_written_is_read_and_a_value_within_stays_within(kind, one, othe
     assert float(typed.value) == float(shown)
 
 
+@pytest.mark.slow
 @fuzz
 @given(st.one_of(st.text(), st.from_regex(r"(uniform|int|choice)\(.{,9}\)", fullmatch=True)))
 def test_any_text_is_a_range_or_is_refused(text):

@@ -121,6 +121,8 @@ def test_composes_validates_and_builds(group, option):
         assert build(raw, group) is not None
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize("option", groups()["sweep"])
 def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
     choice = f"sweep={option}"
@@ -207,6 +209,7 @@ def test_every_parameterization_goes_with_every_loss_and_every_sampling(parts, p
     assert error.mean() > 0
 
 
+@pytest.mark.slow
 def test_groups_of_calibration_do_nothing_elsewhere():
     with pytest.raises(UserError, match="loss belongs to task=calibration"):
         validate(to_plain(compose(["task=classification", "loss=l2_range"])))

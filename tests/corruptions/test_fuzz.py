@@ -107,6 +107,7 @@ def test_a_valid_batch_becomes_a_valid_batch(case):
     assert torch.equal(images, before)
 
 
+@pytest.mark.slow
 @fuzz
 @given(batches().filter(lambda case: len(case[1]) > 0), st.sampled_from(list(SPOILT)), st.integers(0, 10**6))
 def test_an_invalid_batch_is_refused(case, how, place):
@@ -167,6 +168,7 @@ def height_and_width(picture):
     return array.shape[-3:-1] if array.dtype == np.uint8 else array.shape[-2:]
 
 
+@pytest.mark.slow
 @fuzz
 @given(pictures(), st.sampled_from(list(imagenet_c())), st.integers(-1, 7), SEEDS)
 def test_whatever_is_given_comes_back_as_what_it_was_or_is_refused(picture, name, severity, seed):

@@ -29,6 +29,7 @@ def test_what_mnist_c_alone_has_are_shapes():
     assert {name for name, where in ours.items() if where == "shapes"} == SHAPES
 
 
+@pytest.mark.slow
 def test_heavy_libraries_wait_until_a_corruption_needs_them():
     code = "import sys, sextant.corruptions; print(*{'cv2', 'numba', 'skimage', 'scipy'} & set(sys.modules))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

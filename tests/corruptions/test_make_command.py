@@ -194,6 +194,7 @@ def test_a_part_is_one_of_so_many(make, given, said):
     assert (status, said in told) == (2, True)
 
 
+@pytest.mark.slow
 def test_an_interrupted_process_resumes_to_the_same_files(make, tmp_path):
     """The real command, stopped by Ctrl-C once its first file is there."""
     np.save(tmp_path / "many.npy", np.tile(IMAGES, (100, 1, 1, 1)))

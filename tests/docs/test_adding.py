@@ -45,6 +45,7 @@ def test_each_kind_of_addition_has_an_example():
     assert EXAMPLES == ["A loss", "A corruption", "A GP model", "A dataset"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading", EXAMPLES)
 def test_an_addition_runs_as_it_is_written(heading, desk, tmp_path):
     *files, run = SECTIONS[heading]

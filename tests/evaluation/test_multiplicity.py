@@ -45,6 +45,7 @@ def test_the_order_of_the_tests_does_not_matter(p_values, random):
     assert shuffled == list(np.array(holm(p_values))[order])
 
 
+@pytest.mark.slow
 def test_it_is_what_statsmodels_finds():
     p_values = [0.2, 0.001, 0.04, 0.001, 1.0, 0.0, 0.012, 0.04, 0.5]
     assert holm(p_values) == pytest.approx(multipletests(p_values, method="holm")[1])

@@ -102,12 +102,14 @@ def test_images_of_a_seed_count_through_their_mean(seed, pairs, images):
     assert np.isnan([means.image_low, means.image_high]).all()
 
 
+@pytest.mark.slow
 def test_the_t_interval_covers_the_truth_as_often_as_it_says():
     experiments = nested_experiments(images=1)
     covered = coverage(lambda d: interval(paired_difference(d, np.zeros_like(d))), experiments)
     assert 0.92 <= covered <= 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("images", [1, 100])
 def test_the_bootstrap_covers_the_truth_about_as_often_as_it_says(images):
     experiments = nested_experiments(images)
@@ -196,6 +198,7 @@ def test_fewer_than_two_values_have_no_interval(interval_of):
     assert np.isnan(interval_of(np.array([0.5]))).all()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 999), st.sampled_from(["t", "bootstrap"]))
 def test_intervals_are_cut_at_the_largest_difference(seed, method):
     right = np.random.default_rng(seed).random((2, 6, 20)) < np.array([0.99, 0.02])[:, None, None]

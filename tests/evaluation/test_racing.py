@@ -80,6 +80,7 @@ def test_halving_waits_for_all_trials():
     assert halving(np.array([[0.1, NAN], [0.2, NAN]]), 2) == [1]
 
 
+@pytest.mark.slow
 @fuzz
 @given(st.integers(0, 2**31), st.integers(1, 10), st.integers(1, 5))
 def test_whatever_the_scores(seed, trials, seeds):
@@ -99,6 +100,7 @@ def test_whatever_the_scores(seed, trials, seeds):
             assert np.isfinite(seen[best]).all()  # the best has all seeds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spread", "images"), [(0.005, None), (0.02, None), (0.05, None), (0.01, 143)])
 def test_racing_saves_runs_and_loses_little(spread, images):
     saved, with_racing, with_all = simulated(spread, images, searches=50)

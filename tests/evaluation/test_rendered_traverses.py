@@ -30,6 +30,7 @@ def drives(tmp_path_factory):
     return store.read("images", slice(0, 3 * PLACES)).reshape(3, PLACES, 32, 64, 3)
 
 
+@pytest.mark.slow
 def test_drives_that_differ_in_nothing_are_recalled_whole(drives):
     for again in drives[:2]:
         found = place_statistics(drives[0], again, tolerance=0, **SMALL)
@@ -37,6 +38,7 @@ def test_drives_that_differ_in_nothing_are_recalled_whole(drives):
         assert found.cross_condition[0] > 0.99
 
 
+@pytest.mark.slow
 def test_drives_under_shuffled_labels_are_recalled_by_chance(drives):
     shuffled = np.random.default_rng(0).permutation(PLACES)
     low, high = stats.binom.interval(0.9999, PLACES, 11 / PLACES)
@@ -46,6 +48,7 @@ def test_drives_under_shuffled_labels_are_recalled_by_chance(drives):
         assert abs(found.cross_condition[0]) < 0.08
 
 
+@pytest.mark.slow
 def test_a_change_of_season_is_between_the_two(drives):
     found = place_statistics(drives[0], drives[2], tolerance=0, **SMALL)
     assert all(5 / PLACES < recall < 1 for recall in found.recall.values())

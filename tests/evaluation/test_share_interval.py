@@ -58,6 +58,8 @@ def holds(interval_of, shares, truth):
     return np.mean([low <= truth <= high for low, high in map(interval_of, shares)])
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "trials"), [(5, 8), (8, 1000), (10, 8), (10, 64)])
 @pytest.mark.parametrize("truth", [0.5, 0.9, 0.99])
 @pytest.mark.parametrize("correlation", [0.0, 0.01])
@@ -74,6 +76,7 @@ def test_it_holds_the_mean_at_least_as_often_as_it_says(seeds, trials, truth, co
     assert found > holds(mean_interval, shares, truth) - 0.01
 
 
+@pytest.mark.slow
 def test_t_intervals_of_few_rare_failures_do_not():
     shares = np.random.default_rng(0).binomial(8, 0.99, (REPLICATIONS, 10)) / 8
     assert holds(mean_interval, shares, 0.99) == pytest.approx(0.55, abs=0.04)

@@ -61,6 +61,7 @@ def test_groups_without_spread_differ_or_do_not():
     assert (found.mean, found.low, found.high, found.p_value) == (1, 1, 1, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runs", [3, 9])
 def test_the_interval_holds_the_truth_as_often_as_it_says(runs):
     """Four networks of unequal spread, as many treated runs as given and twice as many controls."""

@@ -56,6 +56,7 @@ def test_shuffled_traverses_are_recalled_by_chance_and_do_not_correlate(traverse
     assert all(abs(value) < 0.05 for value in found.cross_condition.values())
 
 
+@pytest.mark.slow
 def test_every_statistic_has_a_row_of_its_own(traverse):
     rows = place_statistics(traverse, traverse[::-1], dimensions=DIMENSIONS).rows()
     assert len(rows) == 1 + 5 + 2 + 1 + 3 + 1 + 4 + 2 * 7
@@ -145,6 +146,7 @@ def test_chunks_change_nothing(traverse, monkeypatch):
     assert vars(image_statistics(traverse[:20])) == pytest.approx(vars(whole))
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_the_statistics_of_real_nordland(real_data):
     """Summer reference, winter queries, 2,400 frames; the limits allow for another PCA solver or image library."""

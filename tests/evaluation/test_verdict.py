@@ -50,6 +50,7 @@ def test_at_most_one_null_claim_in_twenty_is_called(expects, matters):
     assert found["holds"] + found["fails"] <= 0.05 + 0.02  # three deviations of a share of 1,000
 
 
+@pytest.mark.slow
 def test_null_claims_of_no_effect_are_called_five_times_in_a_hundred_together():
     found = [simulated(0.0, draw=draw) for draw in range(5)]
     called = np.mean([each["holds"] + each["fails"] for each in found])

@@ -104,6 +104,7 @@ def test_curves_of_errors_are_medians_of_bins():
     assert np.isnan(silent.get_ydata()).all()
 
 
+@pytest.mark.slow
 def test_all_that_is_drawn_lies_within_its_panel():
     figure = an_error_figure()
     figure.draw_without_rendering()

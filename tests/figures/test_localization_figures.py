@@ -225,10 +225,12 @@ def held_for_each_frame(folder):
         gc.unfreeze()
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_length(tmp_path):
     assert held_for_each_frame(tmp_path) < 10_000  # bytes; the picture of one frame has 280 x 300 x 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", ["pictures", "artists"])
 def test_a_replay_whose_memory_grows_would_be_found(tmp_path, monkeypatch, kept):
     held = []

@@ -118,6 +118,7 @@ def test_level_cameras_broadcast_and_numbers_take_the_type_of_tensors():
     assert level_camera_pose(0.0, 0.0, 0.0, 0.0).dtype == torch.float32
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 0.5, 1.0, 2.9])
 def test_gradients_are_those_of_finite_differences(angle):
     twist = twists(3, 2, angle=angle).requires_grad_()

@@ -158,6 +158,7 @@ def test_it_can_be_scripted_and_traced(padding_mode):
         assert torch.equal(torch.fx.symbolic_trace(layer)(images), layer(images))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dynamo", [False, True])
 @pytest.mark.filterwarnings("ignore::torch.jit.TracerWarning", "ignore::FutureWarning", "ignore::DeprecationWarning")
 def test_both_onnx_exporters_take_it(dynamo, tmp_path):

@@ -162,6 +162,7 @@ def onnx_outputs(model, images, path, dynamo=True):
     return [node.op_type for node in onnx.load(path).graph.node], torch.from_numpy(outputs[0])
 
 
+@pytest.mark.slow
 def test_a_folded_push_pull_layer_is_conv_relu_and_sub_in_onnx(images, tmp_path):
     original = nn.Sequential(PushPullConv2d(3, 8, 3, 2, 1, alpha=0.7)).eval()
     operations, outputs = onnx_outputs(fold(original), images, tmp_path / "layer.onnx")
@@ -169,6 +170,7 @@ def test_a_folded_push_pull_layer_is_conv_relu_and_sub_in_onnx(images, tmp_path)
     torch.testing.assert_close(outputs, original(images), rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("padding_mode", ["zeros", "reflect", "replicate"])
 def test_onnx_gives_the_same_outputs(padding_mode, images, tmp_path):
     original = network(padding_mode=padding_mode)
@@ -177,6 +179,7 @@ def test_onnx_gives_the_same_outputs(padding_mode, images, tmp_path):
     torch.testing.assert_close(outputs, expected, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_lenet_with_inhibition_in_onnx(tmp_path):
     torch.manual_seed(0)
     lenet = PushPullInhibition()(LeNet("A", 1, (28, 28), 10)).eval()

@@ -313,6 +313,7 @@ def test_a_preset_runs_what_is_missing_and_decides_from_it(tmp_path, monkeypatch
     assert f"at least {more} more needed" in page.read_text()
 
 
+@pytest.mark.slow
 def test_a_preset_says_what_it_cannot_run(tmp_path):
     claims = {"cosfire_mnist_9949": CLAIMS["cosfire_mnist_9949"]}
     tables = run_claims(claims, "quick", DOCS)

@@ -87,6 +87,7 @@ def test_a_finished_run_needs_no_device(finished, monkeypatch):
         execute({**finished[0], "seed": 1})
 
 
+@pytest.mark.slow
 def test_changed_code_runs_into_a_new_directory_with_the_same_result(finished, monkeypatch):
     raw, outcome = finished
     monkeypatch.setattr(life, "source_sha256", lambda targets: "other code")
@@ -130,6 +131,7 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(tmp_path, monk
     assert train_losses(whole) == train_losses(resumed)
 
 
+@pytest.mark.slow
 def test_the_training_time_of_a_resumed_run_counts_its_first_part(tmp_path, monkeypatch):
     training_step = Classification.training_step
 
@@ -150,6 +152,7 @@ def test_the_training_time_of_a_resumed_run_counts_its_first_part(tmp_path, monk
     assert run.results()["timing"]["fit_s"] > first + 1e6
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_says_so_and_is_resumable(tmp_path, monkeypatch):
     def interrupt(self, batch, batch_idx):
         raise KeyboardInterrupt
@@ -174,6 +177,7 @@ def nan_at_step_25(self, batch, batch_idx):
     return loss
 
 
+@pytest.mark.slow
 def test_a_nan_loss_stops_the_run_and_names_the_step(tmp_path, monkeypatch):
     monkeypatch.setattr(Classification, "training_step", nan_at_step_25)
     raw = quick_config(tmp_path, "tracking=none")
@@ -196,6 +200,7 @@ def test_a_failing_cell_is_an_outcome_and_not_an_exception(tmp_path):
     assert "no such folder" in cell["message"]
 
 
+@pytest.mark.slow
 def test_the_best_checkpoint_is_chosen_on_validation(tmp_path):
     raw = quick_config(tmp_path, "tracking=none", "task.test_checkpoint=best", "trainer.max_epochs=4")
     directory = RunDirectory(execute(raw).directory)
@@ -207,6 +212,7 @@ def test_the_best_checkpoint_is_chosen_on_validation(tmp_path):
     assert directory.results()["metrics"]["val/accuracy"] == pytest.approx(max(validation))
 
 
+@pytest.mark.slow
 def test_the_best_checkpoint_survives_an_interruption_and_a_move(tmp_path, monkeypatch):
     overrides = ["tracking=none", "task.test_checkpoint=best", "trainer.max_epochs=6", "optimizer.lr=0.3"]
     whole = execute(quick_config(tmp_path / "whole", *overrides))
@@ -231,6 +237,7 @@ def test_the_best_checkpoint_survives_an_interruption_and_a_move(tmp_path, monke
     assert all(torch.equal(best[0]["state_dict"][name], best[1]["state_dict"][name]) for name in best[0]["state_dict"])
 
 
+@pytest.mark.slow
 def test_training_starts_from_the_weights_of_another_run(finished, tmp_path):
     _, outcome = finished
     fresh = execute(quick_config(tmp_path, "tracking=none"))
@@ -247,6 +254,7 @@ def test_weights_that_do_not_fit_are_refused(finished, tmp_path):
         execute(raw)
 
 
+@pytest.mark.slow
 def test_the_twin_is_the_convolution_and_the_push_pull_layer_is_not(finished, tmp_path):
     _, conv = finished
     twin = execute(quick_config(tmp_path, "tracking=none", "inhibition=twin"))

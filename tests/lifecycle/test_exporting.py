@@ -56,6 +56,7 @@ def torch_says(path, **inputs):
 SAYS = {"onnx": onnx_says, "torch_export": torch_says}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", SAYS)
 def test_a_classifier_says_elsewhere_what_it_says_here(digits, form, tmp_path):
     exported = export_run(str(digits), form, tmp_path)
@@ -67,6 +68,7 @@ def test_a_classifier_says_elsewhere_what_it_says_here(digits, form, tmp_path):
     assert 0 <= exported.parity <= TOLERANCE
 
 
+@pytest.mark.slow
 def test_inhibition_is_folded_into_convolutions(digits, tmp_path):
     exported = export_run(str(digits), "onnx", tmp_path)
     operations = [node.op_type for node in onnx.load(exported.network).graph.node]
@@ -74,6 +76,7 @@ def test_inhibition_is_folded_into_convolutions(digits, tmp_path):
     assert operations.count("Sub") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", SAYS)
 def test_places_are_described_elsewhere_as_here(places, form, tmp_path):
     exported = export_run(str(places), form, tmp_path)
@@ -148,6 +151,7 @@ def test_a_model_without_a_network_says_so(tmp_path):
         exportable({KEY: {"task": "localization"}}, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("off", "said"), [(1e-3, r"by 0\.001"), (float("nan"), "by inf")])
 def test_a_file_that_answers_otherwise_is_deleted_and_an_earlier_one_is_not(off, said, places, tmp_path, monkeypatch):
     right = export_formats._torch_export
@@ -164,6 +168,7 @@ def test_a_file_that_answers_otherwise_is_deleted_and_an_earlier_one_is_not(off,
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("network.pt2", "earlier")]
 
 
+@pytest.mark.slow
 def test_the_command_says_where_everything_is(digits, outputs, capsys):
     cli.run("export", [f"run={digits}", "format=torch_export", f"outputs={outputs}"])
     folder = outputs / "exported" / "classification" / digits.name
@@ -176,6 +181,7 @@ def test_the_command_says_where_everything_is(digits, outputs, capsys):
     assert "in this order: 0, 1, 2" in card
 
 
+@pytest.mark.slow
 def test_a_card_has_intervals_over_the_seeds_that_are_there(outputs, digits, tmp_path):
     small = ["trainer.max_epochs=1", "tracking=none", "inhibition=push_pull", "seed=1"]
     execute(quick_config(outputs, *small))

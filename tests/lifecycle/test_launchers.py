@@ -219,6 +219,7 @@ def test_cancelling_a_sweep_of_slurm_that_is_run_here_by_now_ends_its_process(tm
         assert len(killed) == 2
 
 
+@pytest.mark.slow
 def test_a_search_that_is_cancelled_submits_nothing_more_and_the_same_command_goes_on(tmp_path, slurm):
     marked = "find . -name tasks.json -exec sed -i s/false/true/ {} +"  # as sextant sweep cancel does
     (slurm / "sbatch").write_text(f"#!/bin/sh\ncd {tmp_path}/cancelled\n{marked}\necho Submitted batch job 7\n")
@@ -313,6 +314,7 @@ def test_the_task_of_a_node_that_is_silent_is_cancelled_and_submitted_elsewhere(
     assert "7" in (slurm / "cancelled").read_text().split()
 
 
+@pytest.mark.slow
 def test_a_task_that_starts_anew_or_is_at_another_run_is_not_taken_for_silent(tmp_path, slurm, dead_elsewhere, waiting):
     (started, behind), folder = cells(tmp_path, 2), tmp_path / "sweeps" / "one"
     for cell in (started, behind):  # begun before, by processes that died

@@ -55,6 +55,7 @@ def test_a_run_is_made_once_and_then_returned(swept, outputs, capsys):
     assert (printed.out, printed.err) == ("", "")
 
 
+@pytest.mark.slow
 def test_a_run_that_cannot_be_made_is_refused_before_there_is_a_directory(tmp_path):
     for override, said in (
         ("trainer.max_epoch=3", "Did you mean trainer.max_epochs=3?"),
@@ -108,6 +109,7 @@ def test_a_run_that_is_missing_is_a_row_without_a_value(swept):
     assert sweep_results(found).count("missing") == 0
 
 
+@pytest.mark.slow
 def test_a_trained_run_is_tested_under_other_conditions(swept, outputs):
     found, _, _ = swept
     where = [f"paths.outputs={outputs}", "tracking=none"]
@@ -118,6 +120,7 @@ def test_a_trained_run_is_tested_under_other_conditions(swept, outputs):
         sextant.evaluate(found.outcomes[0].directory, [*where, "backbone=lenet_b"])
 
 
+@pytest.mark.slow
 def test_a_cell_that_fails_is_an_outcome(tmp_path):
     def launch_nothing(self, *given):
         raise OSError("no space")
@@ -155,6 +158,7 @@ def test_config_files_of_ones_own_are_found(swept, outputs, tmp_path):
     assert "mine" not in groups()["backbone"]
 
 
+@pytest.mark.slow
 def test_the_example_of_the_guide_runs(tmp_path, monkeypatch, capsys):
     (example,) = re.findall(r"```python\n(import pandas.*?)```", GUIDE.read_text(), re.DOTALL)
     assert example.count("\n") <= 12

@@ -142,6 +142,7 @@ def test_a_page_that_cannot_be_written_is_told_once_and_stops_nothing(tmp_path):
     assert "the page of the sweep could not be written" in hears.said[0]
 
 
+@pytest.mark.slow
 def test_a_store_that_is_filled_anew_has_the_page_again(tmp_path):
     outputs, other = tmp_path / "outputs", tmp_path / "other"
     plan = sweep_in(outputs).plan
@@ -178,6 +179,7 @@ def parent_and_children(store, outputs, plan):
     return parent, [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent.info.run_id]
 
 
+@pytest.mark.slow
 def test_a_sweep_that_was_not_tracked_has_its_parent_once_a_store_is_filled(tmp_path):
     plan = replace(sweep_in(tmp_path).plan, tracking={"kind": "none", "uri": None}, began=90.0, ended=300.0)
     plan.write(tmp_path)
@@ -198,6 +200,7 @@ def test_a_sweep_that_was_not_tracked_has_its_parent_once_a_store_is_filled(tmp_
     assert fill_store(store, tmp_path, SILENT_RUN) == 0
 
 
+@pytest.mark.slow
 def test_a_run_of_two_sweeps_that_were_not_tracked_is_a_child_of_the_first(tmp_path):
     later = replace(sweep_in(tmp_path).plan, began=90.0, ended=300.0, tracking={"kind": "none"})
     earlier = replace(later, name="zoo", cells=later.cells[:3], began=80.0)
@@ -232,6 +235,7 @@ def submitted_and_left(outputs):
     return command, read_plan(find_sweep("sweep", outputs))
 
 
+@pytest.mark.slow
 def test_the_page_of_a_sweep_that_was_left_ends_when_its_command_is_repeated(tmp_path):
     command, plan = submitted_and_left(tmp_path)
     store = open_store("sqlite", None, tmp_path)
@@ -247,6 +251,7 @@ def test_the_page_of_a_sweep_that_was_left_ends_when_its_command_is_repeated(tmp
     assert {run.info.run_name for run in children} == {f"{lr} seed {seed}" for lr in (0.1, 0.2) for seed in (0, 1)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", ["RUNNING", "FINISHED"])
 def test_the_page_of_a_sweep_that_was_left_ends_when_the_store_is_filled(before, tmp_path):
     """Also of one whose parent was ended by a refill that left the page as it was."""

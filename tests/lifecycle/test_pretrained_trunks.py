@@ -39,6 +39,7 @@ def test_a_classifier_of_digits_starts_from_imagenet_and_keeps_what_is_frozen(di
     assert "stages.1.0.layers.0.0.weight" not in same
 
 
+@pytest.mark.slow
 def test_a_trained_classifier_needs_its_first_weights_no_more(digits, outputs, monkeypatch, tmp_path):
     without_wheel(monkeypatch, tmp_path)
     classifier = sextant.ImageClassifier.load(digits.directory)
@@ -47,6 +48,7 @@ def test_a_trained_classifier_needs_its_first_weights_no_more(digits, outputs, m
     assert again.metrics["test/accuracy/clean"] == digits.metrics["test/accuracy/clean"]
 
 
+@pytest.mark.slow
 def test_a_camera_is_calibrated_by_a_pretrained_trunk(tmp_path, monkeypatch):
     rng, folder = np.random.default_rng(0), tmp_path / "panoramas"
     folder.mkdir()

@@ -74,6 +74,7 @@ def test_a_registered_run_answers_as_the_run_does(outputs, places, capsys):
     assert np.linalg.norm(rows[0]["descriptor"]) == pytest.approx(1, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_registered_run_has_a_signature_an_example_and_a_card_and_nothing_pickled(places, tmp_path):
     register_run(str(places), "signed", tmp_path)
     files = [path for path in tmp_path.rglob("artifacts/**/*") if path.is_file()]
@@ -88,6 +89,7 @@ def test_a_registered_run_has_a_signature_an_example_and_a_card_and_nothing_pick
     assert "| `descriptor` | doubles |" in version.description
 
 
+@pytest.mark.slow
 def test_a_registered_run_belongs_to_its_run_in_the_store(outputs):
     small = ["trainer.max_epochs=1", "tracking.kind=sqlite"]
     run = execute(quick_config(outputs, *small)).directory

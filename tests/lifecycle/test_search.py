@@ -99,6 +99,7 @@ def test_a_search_killed_five_times_ends_as_if_it_had_not_been(method, tmp_path)
     assert len(found_in(tmp_path / "whole").trials) == trials
 
 
+@pytest.mark.slow
 def test_a_search_whose_storage_is_lost_asks_for_the_same_trials_and_finds_their_runs(whole, tmp_path):
     made_up_search(tmp_path, trials=13)
     before = trials_of(tmp_path)
@@ -109,6 +110,7 @@ def test_a_search_whose_storage_is_lost_asks_for_the_same_trials_and_finds_their
     assert trials_of(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_kill_while_a_trial_is_asked_for_leaves_one_that_is_completed(tmp_path):
     made_up_search(tmp_path / "whole", trials=3)
     made_up_search(tmp_path / "killed", trials=2)
@@ -123,6 +125,7 @@ def test_a_kill_while_a_trial_is_asked_for_leaves_one_that_is_completed(tmp_path
     assert trials_of(tmp_path / "killed") == trials_of(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_diverged_and_failed_trials_are_reported_as_such_and_never_win(tmp_path):
     runs = MadeUpRuns(diverges=lambda rate: rate > 0.02, fails=lambda rate: rate < 0.001)
     outcome = made_up_search(tmp_path, runs=runs, trials=12, method="random")
@@ -141,6 +144,7 @@ def test_diverged_and_failed_trials_are_reported_as_such_and_never_win(tmp_path)
     assert again.made  # what failed was tried again
 
 
+@pytest.mark.slow
 def test_a_search_without_any_result_has_no_winner_and_says_so(tmp_path):
     made_up_search(tmp_path, trials=3, runs=MadeUpRuns(diverges=lambda rate: True))
     found = found_in(tmp_path)
@@ -149,6 +153,7 @@ def test_a_search_without_any_result_has_no_winner_and_says_so(tmp_path):
     assert "there is none" in (find_sweep("search", tmp_path) / "report" / "report.md").read_text()
 
 
+@pytest.mark.slow
 def test_less_is_better_where_that_is_said(tmp_path):
     more = (
         "sweep.search.metric=val/loss",
@@ -161,6 +166,7 @@ def test_less_is_better_where_that_is_said(tmp_path):
     assert found.winner.mean < 0.2
 
 
+@pytest.mark.slow
 def test_a_metric_that_the_report_lacks_is_missed_after_the_first_run(tmp_path):
     runs = MadeUpRuns()
     with pytest.raises(UserError, match=r"test_metric=test/success: the runs have no such metric") as problem:
@@ -190,11 +196,13 @@ def test_the_test_metric_is_the_counterpart_or_the_one_part_of_it(metrics, found
             metric_of_test(search, metrics)
 
 
+@pytest.mark.slow
 def test_without_racing_all_trials_get_all_seeds(tmp_path):
     made_up_search(tmp_path, "sweep.search.race=false", trials=5)
     assert [len(values) for _, values, _ in trials_of(tmp_path)] == [3] * 5
 
 
+@pytest.mark.slow
 def test_several_runs_are_started_together(tmp_path):
     batches = []
 
@@ -217,6 +225,7 @@ def test_keys_that_list_values_are_choices_and_a_key_with_one_value_is_not_searc
     assert same.name == "other"
 
 
+@pytest.mark.slow
 def test_how_many_trials_there_are_does_not_make_it_another_search(tmp_path):
     digests = {
         read_search(arguments(tmp_path, *more, trials=n))[0].digest
@@ -267,6 +276,7 @@ def test_a_range_without_a_search_is_refused_with_the_way_to_search_it(tmp_path)
     assert "add sweep.search=tpe" in raised.value.fix
 
 
+@pytest.mark.slow
 def test_a_study_of_another_space_under_the_same_name_is_refused(tmp_path):
     made_up_search(tmp_path / "one", trials=2)
     other = SPACE[:1]
@@ -280,6 +290,7 @@ def test_a_study_of_another_space_under_the_same_name_is_refused(tmp_path):
     assert "sweep.name=<name>" in raised.value.fix
 
 
+@pytest.mark.slow
 def test_a_damaged_storage_is_named_with_what_to_do(tmp_path):
     made_up_search(tmp_path, trials=2)
     database = find_sweep("search", tmp_path) / "study.db"
@@ -319,6 +330,7 @@ def test_the_report_tells_trials_winner_and_how_optimistic_the_search_was(whole)
     assert math.isclose(sum(read_json(folder / "search.json")["importances"].values()), 1)
 
 
+@pytest.mark.slow
 def test_a_search_has_one_life_in_the_store_and_its_page_says_what_leads(tmp_path, monkeypatch):
     from mlflow import MlflowClient
 

@@ -16,6 +16,7 @@ def counts_of(rows, images):
     return torch.stack([torch.bincount(run, minlength=images) for run in rows])
 
 
+@pytest.mark.slow
 def test_rows_are_drawn_by_their_likelihood():
     log_likelihood = scores()
     rows = torch.cat([AppearanceProposal.of(log_likelihood).draw(1, generator(seed))[0] for seed in range(4000)], 1)

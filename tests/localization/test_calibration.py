@@ -110,6 +110,7 @@ def test_a_likelihood_is_never_made_sharper():
     assert tempered(Likelihood(), scores, positives).tempering == 1
 
 
+@pytest.mark.slow
 @given(st.floats(0.02, 1.0))
 def test_no_other_tempering_is_better(beta):
     scores, positives = matching(0.3, queries=300)

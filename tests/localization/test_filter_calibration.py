@@ -101,6 +101,7 @@ def held_within(level):
     return stats.binom.interval(level, WORLDS, 0.95)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frames", "together"), [(1, True), (3, False)])
 def test_the_posterior_is_as_sure_as_it_is_right(frames, together):
     values = errors(frames, 1.0, together)
@@ -110,6 +111,7 @@ def test_the_posterior_is_as_sure_as_it_is_right(frames, together):
     assert few <= (values <= stats.chi2.ppf(0.95, 3)).sum() <= many
 
 
+@pytest.mark.slow
 def test_too_little_noise_is_found_out():
     values = errors(3, 0.25)
     found = posterior_calibration(values, 3, confidence=0.9999)
@@ -126,6 +128,7 @@ def test_too_much_noise_is_found_out():
     assert (values <= stats.chi2.ppf(0.95, 3)).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_frames_that_share_what_a_thin_map_does_not_know_make_a_filter_too_sure():
     """What tempering is for, beside the change of appearance: of 80 images in nine square metres, NEES 4.3, 86 %."""
     values = errors(3, 1.0, True)

@@ -34,6 +34,7 @@ def test_noise_of_estimates_hardly_moves_it():
     assert driven(1.2, 1.0, 400, noise=0.3) == pytest.approx(1.2, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "steps"), [(0.1, 4000), (5.0, 100)])
 def test_it_does_so_however_long_the_steps_are(step, steps):
     assert driven(1.2, step, steps) == pytest.approx(1.2, rel=0.02)

@@ -101,6 +101,7 @@ def test_bayes_restart_is_bayes_rule_with_a_hazard_through_a_kidnap(world, weigh
     assert max(evidence_errors) < CLOSE
 
 
+@pytest.mark.slow
 def test_many_small_filters_together_are_bayes_rule_too(world):
     """A bias would stay when the runs of a batch are pooled, noise does not: a bound five times as strict."""
     by, observations = drive(world)

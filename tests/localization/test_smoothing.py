@@ -62,6 +62,7 @@ def test_it_is_the_kalman_smoother_where_there_is_one():
     np.testing.assert_allclose(variances, exact[:, 1], rtol=0.15)
 
 
+@pytest.mark.slow
 def test_the_past_is_known_better_and_the_last_belief_is_as_it_was():
     errors = []
     for seed in range(30):

@@ -192,6 +192,7 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path):
         TiledMapBuilder(tmp_path)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.integers(1, 150), st.integers(1, 40), st.integers(1, 20), st.floats(0.01, 30), st.integers(0, 10**6))
 def test_neighbours_of_tiles_are_those_of_a_search_in_the_whole_map(count, size, k, length, seed):

@@ -102,6 +102,7 @@ def test_a_lens_error_costs_the_change_of_the_angle_to_the_axis(focal, k1, focal
     torch.testing.assert_close(loss(paper_space(DIRECT), wrong, truth), expected[None], rtol=1e-9, atol=1e-14)
 
 
+@pytest.mark.slow
 @given(tilts, rolls, focals, k1s, st.sampled_from(ALL[:1] + ALL[2:3]))
 def test_losses_are_positive_symmetric_and_0_at_the_truth(tilt, roll, focal, k1, parameterization):
     truth = camera(tilt, roll, focal, k1)
@@ -174,6 +175,7 @@ def test_the_disentangled_loss_has_no_bias_where_the_joint_one_has(parameterizat
     assert (apart / width).abs().max() < 1e-5
 
 
+@pytest.mark.slow
 def test_the_joint_loss_asks_for_the_biases_of_the_cross_talk_table():
     five = math.radians(5)
     wide, narrow = bias("joint", HORIZON, 2, five), bias("joint", HORIZON, 2, -five)

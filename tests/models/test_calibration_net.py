@@ -70,6 +70,7 @@ def test_further_channels_begin_at_zero_so_that_pretrained_features_are_kept():
     assert torch.equal(network(images), network(others))
 
 
+@pytest.mark.slow
 def test_weights_of_a_file_are_loaded(tmp_path):
     whole = torchvision_backbone("resnet18", 3, (64, 64), 1000)
     torch.save(whole.state_dict(), tmp_path / "resnet18.pt")

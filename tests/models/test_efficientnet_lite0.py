@@ -46,6 +46,7 @@ def test_a_trunk_cut_after_a_stage_gives_its_map(peer, stages):
         torch.testing.assert_close(FeatureMap(trunk, 3, (64, 96))(images), expected, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_it_takes_butterflies_for_butterflies(published, real_data):
     """Of ImageNet's thousand classes six are butterflies; one of those in the folder, the monarch, is a class."""

@@ -170,6 +170,7 @@ def accuracy(path, real_data, count):
     return int((chosen.numpy() == data.labels[:count]).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_published_networks_get_as_many_right_as_measured(real_data, name):

@@ -125,6 +125,7 @@ print("read", len(loads), [name for name in ("pytorch_lightning", "mlflow", "tor
 """
 
 
+@pytest.mark.slow
 def test_one_image_is_classified_without_lightning_and_its_network_read_once(tmp_path):
     path, image = as_published(a_densenet(), tmp_path / "checkpoint.pth.tar"), tmp_path / "one.png"
     Image.fromarray(np.random.default_rng(0).integers(0, 256, (32, 32, 3), np.uint8)).save(image)

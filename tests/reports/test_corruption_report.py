@@ -177,6 +177,7 @@ def test_runs_without_a_protocol_are_reported_as_accuracies(tmp_path):
         corruption_contrasts(results)
 
 
+@pytest.mark.slow
 def test_published_accuracies_become_errors(tmp_path):
     published = {"net": {"a": {"clean": 90.0}, "b": {"clean": 99.0}}}
     results = made_up_sweep(tmp_path, {"a": [changed()], "b": [changed()]}, published=published)
@@ -187,6 +188,7 @@ def test_published_accuracies_become_errors(tmp_path):
     assert "## Clean error beside the published" in (results.directory / "report" / "report.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_report_shows_summaries_and_every_picture_that_it_names(sweep):
     paths = {path.name for path in write_report(sweep)}
     text = (sweep.directory / "report" / "report.md").read_text()
@@ -217,6 +219,7 @@ def test_three_corruptions_make_a_radar_chart_of_every_setting(tmp_path):
     assert [name for name in names if "radar" in name] == ["corruption_radar_x", "corruption_radar_y"]
 
 
+@pytest.mark.slow
 def test_one_seed_has_differences_without_intervals(tmp_path):
     results = made_up_sweep(tmp_path, {"a": [changed()], "b": [changed(noise=-1)]})
     (contrast,) = corruption_contrasts(results)

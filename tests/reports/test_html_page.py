@@ -93,6 +93,7 @@ def click_on(tab, selector):
         tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_the_board_is_drawn_from_one_file_without_a_complaint(tab, board):
     charts = shown(tab, board)
@@ -103,6 +104,7 @@ def test_the_board_is_drawn_from_one_file_without_a_complaint(tab, board):
     assert set(tab.requests) == {f"file://{board}"}
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_heading_sorts_its_column_by_numbers_and_back(tab, board):
     shown(tab, board)
@@ -120,6 +122,7 @@ def test_a_heading_sorts_its_column_by_numbers_and_back(tab, board):
     assert verdicts == sorted(verdicts)
 
 
+@pytest.mark.slow
 @in_a_browser
 @pytest.mark.parametrize("width", [1200, 390])
 def test_the_board_fits_a_desk_and_a_telephone_by_day_and_by_night(tab, board, width, tmp_path):
@@ -134,6 +137,7 @@ def test_the_board_fits_a_desk_and_a_telephone_by_day_and_by_night(tab, board, w
     assert backgrounds == ["rgb(255, 255, 255)", "rgb(22, 24, 28)"]
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_click_on_a_claim_leads_to_its_section(tab, board):
     shown(tab, board)
@@ -145,6 +149,7 @@ def test_a_click_on_a_claim_leads_to_its_section(tab, board):
     assert tab.run("document.querySelectorAll('a[href$=\".md\"]').length") == 0
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_report_has_its_arms_and_contrasts_and_runs_no_code_of_theirs(tab, report):
     assert shown(tab, report) == 2
@@ -165,6 +170,7 @@ def test_markup_of_the_text_is_text_but_for_places_to_link_to():
     assert not any(tag in page.partition("<body>")[2] for tag in ("<form", "<b>", "<meta"))
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_search_has_its_trials(tab, tmp_path):
     outputs = tmp_path / "outputs"
@@ -177,6 +183,7 @@ def test_a_search_has_its_trials(tab, tmp_path):
     assert tab.run("[...document.images].every((image) => image.naturalWidth > 0)")
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_the_pointer_is_told_and_the_legend_shows_one_kind_alone(tab, tmp_path):
     rows = [
@@ -196,6 +203,7 @@ def test_the_pointer_is_told_and_the_legend_shows_one_kind_alone(tab, tmp_path):
     assert tab.complaints == []
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_page(board, tmp_path):
     cli.run("claims", [f"html={tmp_path}", f"output={tmp_path}"])
     assert (tmp_path / "claims.html").read_bytes() == board.read_bytes()

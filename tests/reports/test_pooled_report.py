@@ -54,6 +54,7 @@ def test_together_settings_count_the_same(sweep):
     assert [rows[TOGETHER, condition].p_holm for condition in ("clean", "noise")] == pytest.approx(holm(raw))
 
 
+@pytest.mark.slow
 def test_the_report_has_its_table_and_the_value_of_every_run(sweep):
     paths = {path.name: path for path in write_report(sweep)}
     text = paths["report.md"].read_text()

@@ -78,6 +78,7 @@ def test_a_full_disk_keeps_the_previous_checkpoint(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["last.ckpt"]
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_moment_of_saving_leaves_one_whole_checkpoint(tmp_path, monkeypatch):
     """Contents and digest are one file: between any two calls of the system the old one is there, then the new one."""
     path, newer = tmp_path / "last.ckpt", {**GOOD, "state_dict": {"w": torch.zeros(3)}}

@@ -47,6 +47,7 @@ def test_a_finished_run_is_mirrored_whole(outputs, run):
     assert found.data.tags["version.torch"]
 
 
+@pytest.mark.slow
 def test_nothing_lies_about_outside_the_output_folder(outputs, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     execute(quick_config(outputs, "seed=4"))
@@ -70,6 +71,7 @@ def test_a_deleted_database_is_made_again_from_the_run_directories(outputs, run)
         elsewhere.rename(outputs)
 
 
+@pytest.mark.slow
 def test_a_failed_run_is_marked_failed_and_a_dead_one_killed(tmp_path, monkeypatch):
     def fails(self, batch, batch_idx):
         raise UserError("no")
@@ -91,6 +93,7 @@ def test_a_failed_run_is_marked_failed_and_a_dead_one_killed(tmp_path, monkeypat
         assert client.get_run(found.info.run_id).info.status == status
 
 
+@pytest.mark.slow
 def test_a_resumed_run_keeps_its_mlflow_run(tmp_path, monkeypatch):
     def interrupted(self, batch, batch_idx):
         raise KeyboardInterrupt
@@ -106,6 +109,7 @@ def test_a_resumed_run_keeps_its_mlflow_run(tmp_path, monkeypatch):
     assert len(client.search_runs([found.info.experiment_id])) == 1
 
 
+@pytest.mark.slow
 def test_a_store_that_fails_does_not_stop_the_run(tmp_path, monkeypatch, capsys):
     from mlflow import MlflowClient
 

@@ -208,6 +208,7 @@ def killed(outputs, monkeypatch, *overrides):
     return RunDirectory(directory)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_is_ended_by_the_next_one_and_resumes(tmp_path, monkeypatch):
     run = killed(tmp_path, monkeypatch)
     store = open_store("sqlite", None, tmp_path)
@@ -222,6 +223,7 @@ def test_a_run_that_was_killed_is_ended_by_the_next_one_and_resumes(tmp_path, mo
     assert store.client.get_run(found.info.run_id).data.params["trainer.max_epochs"] == "2"
 
 
+@pytest.mark.slow
 def test_the_command_of_a_finished_run_sends_what_the_store_did_not_get(tmp_path, monkeypatch):
     from mlflow import MlflowClient
 

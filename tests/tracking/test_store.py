@@ -80,6 +80,7 @@ def make_store_and_die(outputs):
     open_store("sqlite", None, outputs)
 
 
+@pytest.mark.slow
 def test_a_process_killed_while_it_makes_the_database_leaves_no_half(tmp_path):
     maker = multiprocessing.get_context("spawn").Process(target=make_store_and_die, args=(tmp_path,))
     maker.start()

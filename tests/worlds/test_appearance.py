@@ -94,6 +94,7 @@ def test_every_condition_shows_something(name):
     assert (pictures < 3).all(-1).mean() < 0.3
 
 
+@pytest.mark.slow
 def test_conditions_look_different():
     pictures = {
         name: town_renderer(look).pictures(RAYS, POSES[:2], look).astype(float) for name, look in CONDITIONS.items()

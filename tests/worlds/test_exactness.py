@@ -59,6 +59,7 @@ def edge_columns(picture, white, black):
 # -- straight lines ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("k1", "roll"), [(-0.3, 0.0), (-0.3, 0.12), (0.15, -0.08)])
 def test_a_straight_edge_is_straight_once_undistorted_and_only_then(k1, roll):
     camera = lens(120, 90, 75, k1)

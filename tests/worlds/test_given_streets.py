@@ -21,6 +21,7 @@ def test_the_streets_of_a_town_come_back(graph):
     assert np.sort(found.widths).tolist() == np.sort(graph.widths).tolist()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.integers(2, 12))
 def test_whatever_is_scribbled_makes_a_town_whose_streets_can_all_be_driven(seed, count):
     rng = np.random.default_rng(seed)

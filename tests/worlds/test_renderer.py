@@ -45,6 +45,7 @@ def test_the_same_bytes_on_one_core_and_on_two_threads():
     assert alone.stdout.split() == [here]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("soft", [False, True])
 def test_a_picture_is_the_same_alone_and_in_a_batch(soft, monkeypatch):
     look = condition("autumn_rain", read_noise=0.01, exposure_time_s=0.05)
@@ -64,6 +65,7 @@ def test_a_picture_is_the_same_alone_and_in_a_batch(soft, monkeypatch):
     assert np.array_equal(drawer.pictures(RAYS, poses, look, motions=motions, seeds=seeds), together)
 
 
+@pytest.mark.slow
 def test_a_large_picture_is_shaded_in_parts_without_seams(monkeypatch):
     look = condition("autumn_rain", exposure_time_s=0.1)
     drawer, motion = town_renderer(look), Motion((4.0, 1.0, 0.0), 0.3)

@@ -154,6 +154,9 @@ def _readable(card: Mapping[str, Any]) -> str:
 
 
 def _halved(tensor: "Tensor") -> "Tensor":
-    """What has two dimensions or more in half precision; vectors, such as biases and statistics, as they are."""
-    fits = tensor.is_floating_point() and tensor.ndim > 1 and bool((tensor.abs() < 6e4).all())
-    return (tensor.half() if fits else tensor).contiguous()
+    """What has two dimensions or more in half precision; vectors, such as biases and statistics, and what was fitted in
+    double precision as they are. A copy: a file has no tensors that share their memory.
+    """
+    single = tensor.is_floating_point() and tensor.element_size() <= 4
+    fits = single and tensor.ndim > 1 and bool((tensor.abs() < 6e4).all())
+    return (tensor.half() if fits else tensor).contiguous().clone()

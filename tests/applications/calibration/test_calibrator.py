@@ -82,6 +82,7 @@ def test_what_a_run_trained_calibrates_without_its_module(checkpoint, tmp_path):
     assert 0.4 * 120 < camera.focal_px < 1.6 * 120
 
 
+@pytest.mark.slow
 def test_neither_hydra_nor_lightning_nor_mlflow_need_be_there(checkpoint, tmp_path):
     program = f"""
 import sys

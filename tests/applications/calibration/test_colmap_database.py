@@ -210,6 +210,7 @@ def test_gravity_is_one_direction_in_what_colmap_reconstructs(real_data, tmp_pat
     assert (angles < 2 * np.array(sigmas)).all(), angles
 
 
+@pytest.mark.slow
 def test_the_command_writes_it_and_never_over_one(tmp_path, opened):
     paths = [photo(tmp_path / f"{k}.png") for k in range(2)]
     calibrate(paths, tmp_path / "out", colmap=True)

@@ -13,6 +13,7 @@ from sextant.geometry import vfov_from_focal
 SURE = (0.02, 0.01, math.radians(5) / 1.38, 0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "size", "verdict", "says"),
     [
@@ -46,6 +47,7 @@ class Ranged(Fake):
         return ENDS + place * (1 - 2 * ENDS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("grey", "verdict", "says"),
     [
@@ -62,6 +64,7 @@ def test_a_camera_near_the_end_of_those_trained_on_is_not_good_however_sure(tmp_
     assert row["confidence"]["reasons"] == ([says] if says else [])
 
 
+@pytest.mark.slow
 def test_a_focal_length_that_is_known_takes_the_doubt_away(tmp_path):
     model, path = Ranged(scale=SURE), photo(tmp_path / "a.png", grey=120)
     (alone,) = calibrate([path], tmp_path / "1", model)
@@ -70,6 +73,7 @@ def test_a_focal_length_that_is_known_takes_the_doubt_away(tmp_path):
     assert "reaches beyond" not in " ".join(known["confidence"]["reasons"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("strange", "verdict"), [(0.0, "good"), (0.99, "good"), (1.8, "weak"), (None, "good")])
 def test_a_photo_that_looks_like_nothing_trained_on_is_told(tmp_path, strange, verdict):
     model = Fake()

@@ -45,6 +45,7 @@ def test_gravity_decides_tilt_and_roll_and_narrows_their_intervals(china, calibr
     assert width[0] < width[1]
 
 
+@pytest.mark.slow
 def test_gravity_that_the_picture_contradicts_casts_doubt_used_or_not(china, calibrator, tmp_path):
     path, free = china
     wrong = tagged(path, tmp_path, free.tilt_deg + 40, free.roll_deg + 20)
@@ -55,6 +56,7 @@ def test_gravity_that_the_picture_contradicts_casts_doubt_used_or_not(china, cal
     assert calibrator.calibrate(wrong).tilt_deg == pytest.approx(free.tilt_deg, abs=1.0)
 
 
+@pytest.mark.slow
 def test_gravity_stays_where_the_focal_length_is_known_too_and_where_photos_are_of_one_camera(
     china, calibrator, tmp_path
 ):

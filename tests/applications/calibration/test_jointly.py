@@ -91,6 +91,7 @@ def test_a_network_and_lines_that_disagree_are_told(image):
     assert "disagree" in " ".join(joint.reasons) or abs(joint.tilt_deg - math.degrees(0.6)) < 5
 
 
+@pytest.mark.slow
 def test_exif_that_contradicts_the_picture_is_left_out_with_a_word(image, tmp_path):
     Image.fromarray(image).save(tmp_path / "a.jpg", quality=95, exif=exif(200))
     calibrator = PhotoCalibrator(Fake(tilt=0.0, roll=0.0, scale=WRONG))
@@ -104,6 +105,7 @@ def test_exif_that_contradicts_the_picture_is_left_out_with_a_word(image, tmp_pa
     assert "not used" not in " ".join(known.reasons)
 
 
+@pytest.mark.slow
 def test_photos_of_one_camera_share_its_lens_and_keep_their_own_pose(image):
     other = picture(CAMERA[0] + 0.15, *CAMERA[1:4], 0.0, width=400, height=300, noise=6, seed=3)
     one = PhotoCalibrator(Fake(tilt=0.0, roll=0.0, scale=WRONG)).one_camera([image, other])
@@ -218,6 +220,7 @@ def test_a_photo_that_was_cropped_is_weak_at_best(image, tmp_path):
     assert any("cropped" in reason for reason in camera.reasons)
 
 
+@pytest.mark.slow
 def test_intervals_of_photos_of_one_camera_keep_what_all_share(image):
     """Ten times the same photo is one piece of evidence but for its lines, and tilt is as unsure as the lens."""
     dull = np.random.default_rng(0).integers(60, 80, (300, 400, 3)).astype(np.uint8)
@@ -230,6 +233,7 @@ def test_intervals_of_photos_of_one_camera_keep_what_all_share(image):
     assert np.ptp(one.interval_68.tilt_deg) > 0.7 * np.ptp(alone.interval_68.tilt_deg)
 
 
+@pytest.mark.slow
 def test_exif_that_contradicts_photos_of_one_camera_is_left_out_with_a_word(image, tmp_path):
     for name in ("a.jpg", "b.jpg"):
         Image.fromarray(image).save(tmp_path / name, quality=95, exif=exif(200))

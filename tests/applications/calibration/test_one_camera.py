@@ -22,6 +22,7 @@ def test_photos_of_one_camera_get_one_camera(tmp_path):
     assert np.ptp(rows[0]["intervals"]["68"]["focal_px"]) < np.ptp(alone["intervals"]["68"]["focal_px"])
 
 
+@pytest.mark.slow
 def test_portrait_and_landscape_photos_of_one_camera_agree(tmp_path):
     # the portrait photo is cut to 60 x 60: its focal length of 42 px is 0.7 of that part's height too
     paths = [photo(tmp_path / "a.png", (80, 60)), photo(tmp_path / "b.png", (60, 80)), photo(tmp_path / "c.png")]
@@ -31,6 +32,7 @@ def test_portrait_and_landscape_photos_of_one_camera_agree(tmp_path):
     assert summary["chi_square"] == pytest.approx(0, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_copies_of_a_photo_count_once(tmp_path, capsys):
     paths = [photo(tmp_path / f"{g}.png", grey=g) for g in (69, 71)]
     once = calibrate(paths, tmp_path / "once", camera="one")
@@ -42,6 +44,7 @@ def test_copies_of_a_photo_count_once(tmp_path, capsys):
     assert "copy 3.png: a copy of" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_one_photo_of_another_camera_is_left_out_and_named(tmp_path, capsys):
     paths = [photo(tmp_path / f"{i}.png", grey=g) for i, g in enumerate((69, 70, 130, 71))]
     rows = calibrate(paths, tmp_path / "out", camera="one")
@@ -52,6 +55,7 @@ def test_one_photo_of_another_camera_is_left_out_and_named(tmp_path, capsys):
     assert "from 3 of 4 photos" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_photos_that_do_not_agree_are_said_to(tmp_path):
     paths = [photo(tmp_path / f"{g}.png", grey=g) for g in (40, 150)]
     rows = calibrate(paths, tmp_path / "out", camera="one")

@@ -14,6 +14,7 @@ def offset(row):
     return float(rho_from_tilt(tilt, focal, torch.tensor(row["k1"]).double(), torch.tensor(row["k2"]).double()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(80, 60), (60, 80)])
 def test_a_prior_moves_the_focal_length_and_keeps_the_picture(tmp_path, size):
     path = photo(tmp_path / "a.png", size)
@@ -33,6 +34,7 @@ def test_a_prior_that_agrees_changes_little_and_is_not_doubted(tmp_path):
     assert held["intervals_by"].startswith("focal_prior=42.3")
 
 
+@pytest.mark.slow
 def test_exif_as_a_prior(tmp_path):
     told, silent = photo(tmp_path / "a.jpg", exif=exif(20)), photo(tmp_path / "b.jpg")
     rows = calibrate([told, silent], tmp_path / "out", focal_prior="exif")

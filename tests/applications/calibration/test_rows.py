@@ -34,6 +34,7 @@ def test_parameters_are_mapped_back_to_the_whole_photo(tmp_path, size):
     assert row["true_vfov_deg"] == pytest.approx(math.degrees(math.acos(top @ bottom)))
 
 
+@pytest.mark.slow
 def test_a_photo_turned_by_exif_is_that_of_the_upright_one(tmp_path):
     turned = Image.Exif()
     turned[0x0112] = 6
@@ -44,6 +45,7 @@ def test_a_photo_turned_by_exif_is_that_of_the_upright_one(tmp_path):
         assert rotated[key] == upright[key]
 
 
+@pytest.mark.slow
 def test_intervals_are_scale_times_the_conformal_multiplier(tmp_path):
     model = Fake()
     (row,) = calibrate([photo(tmp_path / "a.png")], tmp_path / "out", model)

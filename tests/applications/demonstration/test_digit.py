@@ -51,6 +51,7 @@ def test_a_strip_or_panorama_is_no_digit(shape):
         digit_of(street)
 
 
+@pytest.mark.slow
 def test_both_networks_read_a_drawn_digit_clean_and_under_every_corruption(trial, tmp_path):
     Image.fromarray(drawn_seven()).save(tmp_path / "7.png")
     found = trial.answer(tmp_path / "7.png")

@@ -24,6 +24,7 @@ def strong(photo):
     return sorted((each["x"], each["y"]) for each in photo["found"] if each["score"] > 0.7)
 
 
+@pytest.mark.slow
 def test_similar_spots_are_found_in_both_photos(photos):
     found = where_else_answer(photos, [(0, *share(THERE[0]))])
     here, there = found["photos"]
@@ -36,6 +37,7 @@ def test_similar_spots_are_found_in_both_photos(photos):
     assert here["response"].startswith("data:image/webp;base64,")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [[THERE[0]], [THERE[0], (114, 110)]])
 def test_what_was_pointed_at_is_no_match_of_its_own(photos, points):
     found = where_else_answer(photos, [(0, *share(point)) for point in points])
@@ -43,6 +45,7 @@ def test_what_was_pointed_at_is_no_match_of_its_own(photos, points):
     assert [sorted(each) for each in own] == [[False, True], [False]]
 
 
+@pytest.mark.slow
 def test_an_example_may_be_of_the_second_photo(photos):
     found = where_else_answer(photos, [(1, *share((200, 150)))])
     assert len(strong(found["photos"][0])) == 2

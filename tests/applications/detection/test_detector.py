@@ -30,6 +30,7 @@ def places(found):
     return [(each.x, each.y) for each in found]
 
 
+@pytest.mark.slow
 def test_what_the_example_shows_is_found(example, two):
     detector = ExampleDetector().add(example, point=(110, 80))
     (found,) = detector.detect(two)
@@ -41,6 +42,7 @@ def test_what_the_example_shows_is_found(example, two):
     assert len(detector.detect(two, threshold=0.05, min_distance=1000)) == 1
 
 
+@pytest.mark.slow
 def test_files_and_arrays_of_bytes_are_images_alike(example, two):
     colour, grey = np.asarray(Image.open(two)), np.asarray(Image.open(two).convert("L"))
     by_file = ExampleDetector().add(str(example)).detect(str(two))
@@ -49,6 +51,7 @@ def test_files_and_arrays_of_bytes_are_images_alike(example, two):
     assert ExampleDetector().add(example).detect(grey[..., None]) == by_file
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [{}, {"rotations": 4, "reflection": True}])
 def test_each_of_several_examples_is_found_and_told_apart(example, two, tmp_path, moves):
     disc = drawn(tmp_path / "disc.png", glyphs=(), discs=((110, 80),))

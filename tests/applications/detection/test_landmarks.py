@@ -51,6 +51,7 @@ def test_the_photo_may_be_larger_than_the_images(example, tmp_path):
     np.testing.assert_allclose(theirs, ours, atol=0.1)
 
 
+@pytest.mark.slow
 def test_beside_an_ordinary_descriptor_they_count_as_much_as_they_are_to(example, tmp_path):
     images = np.stack([scene(tmp_path / f"{x}.png", x) for x in range(30, 200, 10)])
     for weight in (1.0, 3.0):
@@ -68,6 +69,7 @@ def test_filters_may_look_at_a_network(example, tmp_path):
     assert found.max() == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_localizer_takes_them(example, tmp_path):
     """A wall with one thing on it; the camera goes along."""
     images = np.stack([scene(tmp_path / f"{x}.png", x) for x in range(20, 201, 5)])

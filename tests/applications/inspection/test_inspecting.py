@@ -153,6 +153,7 @@ def good(tmp_path_factory):
     return [(path.name, path.read_bytes()) for path in (*tables, tagged, photo(folder / "b.png"))], damaged
 
 
+@pytest.mark.slow
 @fuzz
 @given(
     which=st.integers(0, 7),

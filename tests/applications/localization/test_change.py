@@ -56,6 +56,7 @@ def localizer(street):
     return Localizer.from_images(street.images, street.poses, steps=30, particles=500)
 
 
+@pytest.mark.slow
 def test_it_finds_its_way_in_another_season_whatever_the_spacing_of_the_map(street, localizer):
     found, away = street.drive(localizer)
     assert np.mean(away[20:] < 2) > 0.9
@@ -83,6 +84,7 @@ def test_an_image_counts_by_the_way_since_the_last_that_did(street, localizer):
     assert localizer._change.images == pytest.approx(counted + 1)
 
 
+@pytest.mark.slow
 def test_a_robot_that_stands_grows_no_surer_of_what_it_sees(street, localizer):
     localizer.reset(0)
     image = street.at(street.winter, 33)
@@ -99,6 +101,7 @@ def test_a_robot_that_stands_grows_no_surer_of_what_it_sees(street, localizer):
     assert told[-1].sigmas[0] > 0.8 * moving[-1].sigmas[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.9, 1.1])
 def test_odometry_may_err_alike_in_each_step(street, localizer, scale):
     found, away = street.drive(localizer, count=60, scale=scale, noise=0.05)
@@ -106,6 +109,7 @@ def test_odometry_may_err_alike_in_each_step(street, localizer, scale):
     assert np.mean((away / sigmas)[20:] < 2.5) > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.6, 1.4])
 def test_odometry_that_is_far_off_is_put_right_on_the_way(street, localizer, scale):
     _, away = street.drive(localizer, count=60, scale=scale, noise=0.05)
@@ -122,6 +126,7 @@ def elsewhere():
     return wall / wall.std()
 
 
+@pytest.mark.slow
 def test_in_a_world_that_is_not_the_maps_it_is_lost(street, localizer):
     found, _ = street.drive(localizer, elsewhere(), count=60)
     assert np.mean([one.lost for one in found[10:]]) > 0.9
@@ -131,6 +136,7 @@ def test_in_a_world_that_is_not_the_maps_it_is_lost(street, localizer):
     assert np.isnan(there[0].foreseen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scale", "there", "says"),
     [
@@ -164,6 +170,7 @@ def test_where_odometry_is_missing_nothing_is_foreseen(street, localizer):
     assert not told[-1].lost
 
 
+@pytest.mark.slow
 def test_without_support_particles_drift_to_where_no_map_is(street, localizer):
     before = Localizer(
         localizer.model,
@@ -181,6 +188,7 @@ def test_without_support_particles_drift_to_where_no_map_is(street, localizer):
     assert aside(localizer) < 0.1 < 0.4 < aside(before)
 
 
+@pytest.mark.slow
 def test_after_a_jump_of_odometry_it_comes_back(street, localizer):
     found, away = street.drive(localizer, jump=(25, 1e6))
     assert found[25].lost
@@ -188,6 +196,7 @@ def test_after_a_jump_of_odometry_it_comes_back(street, localizer):
     assert np.mean(away[40:] < 2) > 0.8
 
 
+@pytest.mark.slow
 def test_where_the_map_does_not_reach_it_says_so(street, localizer):
     localizer.reset(0)
     for k in range(25):

@@ -68,6 +68,7 @@ def same(a, b):
     )
 
 
+@pytest.mark.slow
 def test_importing_the_package_is_light_and_it_has_no_other_names():
     code = "import sextant, sys; assert 'torch' not in sys.modules and 'numpy' not in sys.modules; sextant.Localizer"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
@@ -88,6 +89,7 @@ def test_five_lines_of_python_tell_where_one_is(corridor):
     assert 0.5 <= told[-1].mass <= 1 + 1e-9
 
 
+@pytest.mark.slow
 def test_it_goes_the_same_way_again_after_a_reset_and_another_way_with_another_seed(corridor):
     localizer = corridor.localizer(seed=3)
     first = drive(localizer, corridor)
@@ -127,6 +129,7 @@ def test_it_is_the_filter_of_the_tests(corridor):
     assert np.array_equal(track.mass[:, 0], np.array([one.mass for one in told]))
 
 
+@pytest.mark.slow
 def test_a_descriptor_does_as_well_as_its_image_and_a_whitener_is_applied_to_both(corridor, tmp_path):
     localizer = corridor.localizer()
     images = drive(localizer, corridor)

@@ -49,6 +49,7 @@ def test_a_walk_has_its_pace_and_odometry(world):
         np.testing.assert_array_equal(walk.seen, seen[walk.truth[:, 0].astype(int)])
 
 
+@pytest.mark.slow
 def test_all_methods_are_measured_on_the_same_walk(world):
     localizer, known, seen = world
     rows = []

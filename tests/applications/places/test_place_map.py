@@ -423,6 +423,7 @@ def test_models_of_other_tasks_are_refused(checkpoint, tmp_path):
         PlaceMap.load(tmp_path / "other.ckpt")
 
 
+@pytest.mark.slow
 def test_it_needs_neither_hydra_nor_lightning_nor_mlflow_and_prints_nothing(rides, checkpoint, tmp_path):
     program = f"""
 import sys

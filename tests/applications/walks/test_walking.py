@@ -64,10 +64,12 @@ def away(out, poses):
     return np.hypot(*(np.array(found) - poses[:, :2]).T)
 
 
+@pytest.mark.slow
 def test_it_is_where_it_was(walked, world):
     assert np.mean(away(walked, world.poses)[4:] < 5) > 0.9
 
 
+@pytest.mark.slow
 def test_its_camera_is_told_with_intervals(walked):
     told = json.loads((walked / "walk.json").read_text())
     for name, vfov in (("walk", WIDE), ("map", NARROW)):
@@ -82,6 +84,7 @@ def test_its_camera_is_told_with_intervals(walked):
     assert told["unseen"] < 0.1
 
 
+@pytest.mark.slow
 def test_the_page_has_what_was_found_and_its_pictures(walked):
     page = (walked / "report.md").read_text()
     assert "| focal length, px |" in page
@@ -91,6 +94,7 @@ def test_the_page_has_what_was_found_and_its_pictures(walked):
         assert Image.open(walked / name).width > 300
 
 
+@pytest.mark.slow
 def test_a_second_walk_may_be_a_video_in_the_map_of_the_first(walked, world):
     video = world.folder / "walk.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 10, SIZE)
@@ -124,6 +128,7 @@ def _silent():
     return SILENT.progress("", "")
 
 
+@pytest.mark.slow
 def test_a_map_that_does_not_tell_its_camera_needs_a_field_of_view(walked, world, tmp_path):
     localizer = Localizer.load(walked / "map")
     localizer.facts = {}
@@ -140,6 +145,7 @@ class NeverAsked:
         raise AssertionError("calibrated first")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [{"descriptor": "Hog"}, {"rows": 120}, {"vfov_deg": 55}])
 def test_what_a_saved_map_has_of_its_own_is_not_given_again(walked, world, tmp_path, wrong):
     name, value = next(iter(wrong.items()))

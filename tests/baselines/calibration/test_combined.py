@@ -30,6 +30,7 @@ def hard_pictures():
     return [picture(*camera, seed=index, noise=8, clutter=12) for index, camera in enumerate(CAMERAS)]
 
 
+@pytest.mark.slow
 def test_pictures_give_all_parameters(pictures):
     found = np.array(
         [errors(CombinedGeometry().calibrate(p).camera, c) for p, c in zip(pictures, CAMERAS, strict=True)]
@@ -38,6 +39,7 @@ def test_pictures_give_all_parameters(pictures):
     assert (found.max(axis=0) < [1.5, 0.8, 0.1, 0.1]).all()
 
 
+@pytest.mark.slow
 def test_undoing_the_lens_beats_vanishing_points_that_ignore_it(hard_pictures):
     ours, pinhole, prior = (
         np.mean([errors(m.calibrate(p).camera, c) for p, c in zip(hard_pictures, CAMERAS, strict=True)], axis=0)
@@ -60,6 +62,7 @@ def test_the_same_seed_gives_the_same_camera(hard_pictures):
     )
 
 
+@pytest.mark.slow
 def test_uncertainty_covers_the_error(hard_pictures):
     ratios = []
     for image, camera in zip(hard_pictures, CAMERAS, strict=True):

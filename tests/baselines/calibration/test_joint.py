@@ -50,12 +50,14 @@ def mean_errors(answers):
     return np.mean([np.abs(a - truth_of(c)) for a, c in zip(answers, CAMERAS, strict=True)], axis=0)
 
 
+@pytest.mark.slow
 def test_lines_sharpen_what_a_network_says(seen):
     said = [network_of(c, i) for i, c in enumerate(CAMERAS)]
     joint = [found(lines, belief(network)) for lines, network in zip(seen, said, strict=True)]
     assert (mean_errors(joint) < 0.6 * mean_errors(said)).all()
 
 
+@pytest.mark.slow
 def test_a_network_that_is_sure_and_wrong_spoils_nothing(seen):
     """Six of its standard errors away: a product of normals would end between the two."""
     wrong = SIGMA * [6, 0, -6, 0]
@@ -65,6 +67,7 @@ def test_a_network_that_is_sure_and_wrong_spoils_nothing(seen):
     assert (mean_errors(joint)[:3] < np.maximum(1.2 * alone, np.radians(2))[:3]).all()
 
 
+@pytest.mark.slow
 def test_few_lines_leave_the_camera_to_the_network():
     geometry, network, joint = [], [], []
     for i, camera in enumerate(cameras(16, seed=9)):
@@ -113,6 +116,7 @@ def test_of_many_chains_those_that_take_part_share_the_weight():
     assert StraightChains(chains[:7]).share == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tilt", "roll", "heading", "focal", "seed"),
     [(25, 0.05, 0.5, 0.9, 0), (30, -0.1, 0.3, 1.1, 1), (-25, 0.02, 0.7, 0.8, 2)],

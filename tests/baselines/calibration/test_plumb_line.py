@@ -53,6 +53,7 @@ def test_no_chains_leave_the_prior():
     assert not any(estimate.determined)
 
 
+@pytest.mark.slow
 def test_pictures_give_their_lens():
     errors = []
     for index, camera in enumerate(CAMERAS):

@@ -30,6 +30,7 @@ def test_exact_segments_give_the_exact_camera(camera):
     assert estimate.determined[:3] == (True, True, True)
 
 
+@pytest.mark.slow
 def test_more_noise_more_error():
     error = [median_errors(noise=noise)[0] for noise in (0.0, 0.001, 0.004, 0.015)]
     assert error == sorted(error)
@@ -106,6 +107,7 @@ def test_fit_takes_the_focal_length_of_the_training_cameras():
     assert [float(value) for value in estimate.camera] == pytest.approx([0, 0, 1.5, 0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_pictures_give_the_camera_to_a_third_of_a_degree_in_the_median():
     found = [errors(VanishingPoints().calibrate(picture(*c, seed=i)), c) for i, c in enumerate(CAMERAS)]
     assert (np.median(found, axis=0) < [0.3, 0.3, 0.02]).all()

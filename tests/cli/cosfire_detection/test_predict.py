@@ -36,6 +36,7 @@ def places(row):
     return [(found["x"], found["y"]) for found in row["detections"]]
 
 
+@pytest.mark.slow
 def test_the_example_is_found_where_it_is_and_nothing_else(tmp_path, example, capsys):
     images = tmp_path / "images"
     drawn(images / "two.png", (300, 200), glyphs=((80, 70), (200, 110)), discs=((260, 40),))
@@ -62,12 +63,14 @@ def test_the_example_is_found_where_it_is_and_nothing_else(tmp_path, example, ca
     assert str(out / "detections.csv") in said.replace("\n", "")
 
 
+@pytest.mark.slow
 def test_the_pictures_are_no_inputs_of_the_next_command(tmp_path, example):
     for _ in range(2):
         told = detect(example, tmp_path, tmp_path)
     assert [row["file"] for row in told["images"]] == [str(example)]
 
 
+@pytest.mark.slow
 def test_turned_and_mirrored_examples_are_found_if_that_is_asked_for(tmp_path, example):
     upright = Image.open(drawn(tmp_path / "a" / "upright.png", glyphs=((90, 70),)))
     upright.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "a" / "turned.png")
@@ -90,6 +93,7 @@ def test_turned_and_mirrored_examples_are_found_if_that_is_asked_for(tmp_path, e
     assert header == "file,x,y,score,rotation_deg,scale,mirrored,error"
 
 
+@pytest.mark.slow
 def test_sizes_are_found_if_that_is_asked_for(tmp_path, example):
     large = Image.open(example).resize((330, 240), Image.Resampling.BICUBIC)
     large.save(tmp_path / "large.png")
@@ -100,6 +104,7 @@ def test_sizes_are_found_if_that_is_asked_for(tmp_path, example):
     assert found["scale"] == 1.5
 
 
+@pytest.mark.slow
 def test_places_are_told_in_pixels_of_the_upright_original(tmp_path, example):
     exif = Image.Exif()
     exif[0x0112] = 6  # stored lying on its side
@@ -128,6 +133,7 @@ def test_images_without_room_for_the_filter_are_told_of(tmp_path, example, capsy
     assert "1 images are smaller than the filter" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_strongest_are_kept_and_neighbours_are_one(tmp_path, example):
     drawn(tmp_path / "many.png", (700, 160), glyphs=[(80 + 110 * k, 80) for k in range(5)])
     assert len(detect(example, tmp_path / "many.png", tmp_path / "out")["images"][0]["detections"]) == 5
@@ -148,6 +154,7 @@ def test_digits_of_a_few_pixels_are_images_too(tmp_path):
     assert row["detections"][0]["score"] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["bifurcation", "symbol", "traffic_sign"])
 def test_presets_answer_to_their_own_example(tmp_path, preset):
     example = drawn(tmp_path / "example.png", (140, 120), glyphs=((70, 60),))
@@ -168,6 +175,7 @@ def test_a_prototype_without_structure_is_refused(tmp_path, example, point, says
     assert not (tmp_path / "out" / "detections.json").exists()
 
 
+@pytest.mark.slow
 def test_if_no_image_can_be_used_the_command_fails_and_the_files_say_why(tmp_path, example):
     broken = tmp_path / "broken.png"
     broken.write_bytes(b"")
@@ -178,6 +186,7 @@ def test_if_no_image_can_be_used_the_command_fails_and_the_files_say_why(tmp_pat
         detect(broken, example, tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told(tmp_path, example, monkeypatch):
     fill_disk(monkeypatch, "detections.csv")
     with pytest.raises(UserError, match="the disk is full"):
@@ -188,6 +197,7 @@ def inputs_of(example, images, output, **options):
     return read_inputs({"prototype": str(example), "input": str(images), "output": str(output), **options})
 
 
+@pytest.mark.slow
 def test_features_of_a_network_find_the_example_in_images_of_any_size(tmp_path, example):
     torch.manual_seed(0)
     network = torch.nn.Sequential(
@@ -210,6 +220,7 @@ def test_features_of_a_network_find_the_example_in_images_of_any_size(tmp_path, 
     assert (best["x"], best["y"], best["rotation_deg"]) == pytest.approx((120, 319 - 210, 90), abs=5)
 
 
+@pytest.mark.slow
 def test_an_image_that_a_network_cannot_take_is_named(tmp_path, example):
     tiny = tmp_path / "tiny.png"
     Image.new("L", (9, 9), 5).save(tiny)

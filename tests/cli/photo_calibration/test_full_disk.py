@@ -44,6 +44,7 @@ def test_a_disk_that_is_full_at_any_file_is_one_mistake_and_keeps_what_was_writt
     assert {path.name for path in out.iterdir()} == set(FILES[:number])  # no temporary file either
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [100, 10_000])
 def test_a_disk_that_takes_no_more_bytes(tmp_path, two, limit, figures):
     """For real, by the limit on the size of files: at the straightened photo and at the overlay."""

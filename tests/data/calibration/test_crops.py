@@ -266,6 +266,7 @@ def test_a_crop_does_not_depend_on_the_rest_of_its_batch():
 # -- against the renderer ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_crop_of_a_rendered_panorama_is_the_render_of_its_camera():
     """Tilted, rolled and distorted crops of a panorama of the small town, and the same cameras in the town itself."""
     heading, n = 0.7, 4

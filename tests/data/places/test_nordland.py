@@ -113,6 +113,7 @@ def test_splits_by_condition_share_what_is_named_alone(root):
 # -- the real frames ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_real_frames_are_aligned_by_name(real_data, tmp_path):
     source = Nordland(roots=[real_data, tmp_path])

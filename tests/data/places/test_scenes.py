@@ -200,6 +200,7 @@ def test_scenes_of_a_rendered_town(tmp_path, monkeypatch):
         Scenes(source, references=["summer_noon"], queries=["winter_noon"], spacing=1).read("train")
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_scenes_of_a_railway(real_data, tmp_path):
     source = Nordland(roots=[real_data, tmp_path])

@@ -29,6 +29,7 @@ def wait_until(true, timeout_s=60):
         time.sleep(0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 3])
 def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(threads, context, tmp_path):
     options = {"count": 120, "pause_s": 0.01, "log": tmp_path / "log"}
@@ -72,6 +73,7 @@ def test_killed_while_it_is_laid_out_it_is_laid_out_again(tmp_path):
     assert not leftover.exists()
 
 
+@pytest.mark.slow
 def test_two_processes_render_once(context, tmp_path):
     options, waits = {"pause_s": 0.2, "log": tmp_path / "log"}, tmp_path / "waits"
     first = context.Process(target=fill, args=(tmp_path / "cache", options))

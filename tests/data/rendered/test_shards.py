@@ -18,6 +18,7 @@ def render(cache, shard, log):
     store.fill(chunks=chunks_of(store, shard, SHARDS))
 
 
+@pytest.mark.slow
 def test_three_processes_and_a_merge_render_what_one_does(tmp_path):
     context, log = multiprocessing.get_context("forkserver"), tmp_path / "log"
     processes = [context.Process(target=render, args=(tmp_path / "cache", shard, log)) for shard in range(SHARDS)]

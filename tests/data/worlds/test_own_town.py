@@ -58,6 +58,7 @@ def test_without_footprints_houses_stand_along_the_streets(tmp_path):
     assert len(plan.town(0).buildings) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [TownPanoramas, TownSeasons])
 def test_cameras_stand_outside_of_houses(kind):
     plan = plan_of(kind, streets=EXAMPLE)

@@ -92,6 +92,7 @@ def test_the_identity_knows_the_factors():
     assert dataset_of().plan().digest in digests
 
 
+@pytest.mark.slow
 def test_it_is_a_source_of_places(tmp_path):
     plan = dataset_of(tmp_path).plan()
     source = as_place_source(dataset_of(tmp_path, factors={"fog_per_m": [0.2]}))

@@ -86,6 +86,7 @@ def test_a_plan_is_a_function_of_its_config(plans, kind):
     assert not np.array_equal(other.columns["pose"], same.columns["pose"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", DATASETS)
 def test_pictures_are_the_same_alone_in_a_batch_and_after_pickling(kind):
     light = ["summer_noon", "night_clear", "summer_evening"]  # of one geometry: few worlds to build
@@ -106,6 +107,7 @@ def test_pictures_are_the_same_alone_in_a_batch_and_after_pickling(kind):
         assert not np.array_equal(plan_of(kind, seed=5).render(0, 1)["images"][0], together[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", DATASETS)
 def test_cameras_stand_outside_and_a_step_from_everything_solid(kind):
     plan = plan_of(kind)
@@ -127,6 +129,7 @@ def test_cameras_stand_outside_and_a_step_from_everything_solid(kind):
         assert 1.3 < eyes[:, 2].min() <= eyes[:, 2].max() < 2.0
 
 
+@pytest.mark.slow
 def test_a_store_fills_in_pieces_to_the_same_bytes(tmp_path, plans):
     plan = plan_of(TownCity, images=40, query_frames=6)
     type(plan).chunk, before = 16, type(plan).chunk

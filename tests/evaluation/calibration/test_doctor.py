@@ -39,6 +39,7 @@ def test_the_checks_pass(check):
     assert all(math.isfinite(finding.value) for finding in findings)
 
 
+@pytest.mark.slow
 def test_the_cross_talk_table_is_the_designs():
     table = loss.cross_talk()
     figures = [(row.wrong, round(row.before_deg, 2), round(row.after_deg, 2)) for row in table]
@@ -154,6 +155,7 @@ def test_a_finding_passes_between_its_limits(value, skipped, passed):
     assert Finding("check", "figure", value, 1.0, skipped=skipped).passed is passed
 
 
+@pytest.mark.slow
 def test_without_crops_the_rest_is_examined():
     findings, table = examine(None, "not today")
     assert failing(findings) == []

@@ -71,6 +71,7 @@ def test_rolls_that_differ_by_a_turn_are_equal():
     np.testing.assert_allclose(errors["roll_deg"], np.degrees(0.05))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6))
 def test_bearing_error_is_the_mean_angle_between_rays_of_scipy_rotations(seed):
     truth, predicted = cameras(seed, 3), cameras(seed + 1, 3)
@@ -215,6 +216,7 @@ def test_each_resample_is_what_drawing_the_crops_of_whole_panoramas_gives(seed):
     np.testing.assert_allclose([e.high for e in estimates], high)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("statistic", ["mean", "median", "auc"])
 def test_intervals_hold_the_truth_as_often_as_they_say_and_those_over_crops_do_not(statistic):
     def value(of):

@@ -24,6 +24,7 @@ def test_the_mean_is_the_paired_difference_of_the_means(seed, seeds):
     assert found.mean.mean == pytest.approx(np.mean([d.mean for d in found.by_corruption.values()]))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 1000))
 def test_swapping_the_arms_turns_wins_into_losses(seed):
     treatment, control = two_arms(seed)

@@ -51,6 +51,7 @@ def moved(poses, x, y, turn, scale=1.0):
 MOTIONS = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-4, 4))
 
 
+@pytest.mark.slow
 @given(MOTIONS, st.integers(0, 9))
 def test_a_rigid_motion_is_aligned_away_and_a_similarity_is_not(motion, seed):
     truth, _ = curve(seed)
@@ -73,6 +74,7 @@ def test_relative_errors_do_not_see_where_the_estimate_starts(motion, seed):
             np.testing.assert_allclose(errors, again, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 99))
 def test_alignment_is_the_least_squares_one(seed):
     truth, guess = curve(seed)
@@ -198,6 +200,7 @@ def compare_with_evo(truth, guess, tolerance):
                     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_made_up_drives_have_the_errors_that_evo_finds(seed):
     truth, guess = curve(seed)

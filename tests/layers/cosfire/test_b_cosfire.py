@@ -22,6 +22,7 @@ def vessels(real_data):
     return image, torch.from_numpy(mask > 0)[None], response, segmentation > 0
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_response_and_segmentation_are_matlabs_to_the_pixel(vessels):
     image, mask, response, segmentation = vessels

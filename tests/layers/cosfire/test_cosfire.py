@@ -16,6 +16,7 @@ from sextant.layers.cosfire import Blur, Cosfire, DoGBank, GaborBank, Tolerance,
 seeds = st.integers(0, 99)
 
 
+@pytest.mark.slow
 @given(layers(means=MEANS), seeds)
 @settings(max_examples=60)
 def test_responses_are_those_of_loops_over_everything(case, seed):
@@ -24,6 +25,7 @@ def test_responses_are_those_of_loops_over_everything(case, seed):
     np.testing.assert_allclose(layer(images), plain_responses(layer, filters, images), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(layers(shift="bilinear", means=MEANS), seeds)
 def test_responses_between_pixels_are_those_of_loops_over_everything(case, seed):
     layer, filters = case
@@ -31,6 +33,7 @@ def test_responses_between_pixels_are_those_of_loops_over_everything(case, seed)
     np.testing.assert_allclose(layer(images), plain_responses(layer, filters, images), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(layers(), seeds)
 def test_in_single_precision_they_are_the_same_up_to_its_rounding(case, seed):
     layer, _ = case
@@ -42,6 +45,7 @@ def test_in_single_precision_they_are_the_same_up_to_its_rounding(case, seed):
     torch.testing.assert_close(single.double(), layer(images), rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(layers(means=MEANS), seeds, st.sampled_from([torch.float32, torch.float64]))
 def test_maxima_are_the_largest_responses(case, seed, dtype):
     layer, _ = case
@@ -50,6 +54,7 @@ def test_maxima_are_the_largest_responses(case, seed, dtype):
     torch.testing.assert_close(layer.maxima(images), expected, rtol=1e-5 if dtype == torch.float32 else 1e-12, atol=0)
 
 
+@pytest.mark.slow
 @given(layers(), seeds, st.integers(1, 4))
 def test_the_loop_of_the_processor_is_the_way_that_has_gradients(case, seed, tiles):
     layer, _ = case
@@ -59,6 +64,7 @@ def test_the_loop_of_the_processor_is_the_way_that_has_gradients(case, seed, til
     torch.testing.assert_close(layer.maxima(images, tiles), with_gradients.detach(), rtol=1e-11, atol=0)
 
 
+@pytest.mark.slow
 @given(layers(means=MEANS), seeds)
 def test_maxima_of_tiles_are_those_of_parts_of_the_responses(case, seed):
     layer, _ = case
@@ -68,6 +74,7 @@ def test_maxima_of_tiles_are_those_of_parts_of_the_responses(case, seed):
     torch.testing.assert_close(layer.maxima(images, 2), expected, rtol=1e-12, atol=0)
 
 
+@pytest.mark.slow
 @given(layers(means=MEANS), seeds)
 def test_a_batch_is_its_images_one_after_the_other(case, seed):
     layer, _ = case
@@ -77,6 +84,7 @@ def test_a_batch_is_its_images_one_after_the_other(case, seed):
     )
 
 
+@pytest.mark.slow
 @given(layers(means=MEANS), seeds)
 def test_many_filters_are_those_filters_one_after_the_other(case, seed):
     layer, filters = case
@@ -87,6 +95,7 @@ def test_many_filters_are_those_filters_one_after_the_other(case, seed):
     torch.testing.assert_close(layer(images), alone, rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(layers(means=MEANS, tolerant=False), seeds)
 def test_a_tolerant_filter_never_answers_less_than_a_strict_one(case, seed):
     strict, filters = case
@@ -270,6 +279,7 @@ def test_images_of_bytes_are_refused_in_one_message():
             ask(torch.zeros(1, 1, 28, 28, dtype=torch.uint8))
 
 
+@pytest.mark.slow
 @given(layers(means=MEANS), seeds)
 def test_a_state_dict_makes_a_fresh_layer_the_same_whatever_it_held(case, seed):
     layer, filters = case

@@ -35,6 +35,7 @@ def respond(layer, names):
     return response
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["max", "sum"])
 @pytest.mark.parametrize("mean", ["geometric", "arithmetic", "harmonic"])
 def test_gradients_in_images_and_weights_are_those_of_finite_differences(kind, mean):
@@ -52,6 +53,7 @@ def test_gradients_in_the_places_of_parts_are_those_of_finite_differences(mean):
     assert torch.autograd.gradcheck(respond(layer, names), inputs)
 
 
+@pytest.mark.slow
 def test_gradients_in_vectors_are_those_of_finite_differences():
     vectors = random_images(1, 3, 4).tolist()
     parts = [(tuple(vector), rho, 1.0 + rho) for vector, rho in zip(vectors, [0.0, 1.0, 2.0], strict=True)]

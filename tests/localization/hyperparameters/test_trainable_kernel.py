@@ -85,6 +85,7 @@ def test_training_on_a_railway_leaves_y_and_heading_alone(spatial):
     assert after.length[0] != before.length[0]
 
 
+@pytest.mark.slow
 def test_it_finds_the_parameters_that_made_the_data():
     truth = PoseKernel("rbf", (1.5, 0.6), 0.9, signal_variance=2.0, noise_variance=0.2)
     poses = poses_in_room(150, seed=3)

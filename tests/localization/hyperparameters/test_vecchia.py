@@ -69,6 +69,7 @@ def test_it_approaches_the_joint_likelihood_as_neighbours_are_added():
     assert errors[-1] < errors[0] / 4
 
 
+@pytest.mark.slow
 def test_expected_on_data_of_the_kernel_it_is_never_above_the_joint_likelihood():
     """Its expectation falls short by the divergence of the densities, and conditioning on more can only help."""
     known, kernel = smooth_map(100), TrainableKernel(KERNEL)
@@ -112,6 +113,7 @@ def test_the_first_image_alone_is_its_prior():
     assert ours.item() == pytest.approx(prior.log_prob(known.descriptors).sum().item(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_kernel_trained_with_it_is_near_the_one_trained_with_the_joint_likelihood():
     known = smooth_map(150)
     conditioning = Conditioning.of(features_of(known), shuffled(150), neighbours=20)

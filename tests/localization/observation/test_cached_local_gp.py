@@ -52,6 +52,7 @@ kernels = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(kernels, st.integers(1, 24), st.integers(0, 5), st.sampled_from(LIKELIHOODS))
 def test_it_is_the_local_process_of_the_nearest_image(kernel, k, seed, likelihood):
     known, poses = smooth_map(90, dimension=12), poses_in_room(60, seed=20 + seed).view(2, 30, 3)

@@ -30,6 +30,7 @@ def test_only_models_are_found_as_attributes():
         _ = observation.made_up
 
 
+@pytest.mark.slow
 def test_nothing_slow_is_imported_before_a_model_is_asked_for():
     code = "import sys, sextant.localization.observation; print(any(m in sys.modules for m in ('numba', 'gpytorch')))"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -68,6 +68,7 @@ def test_it_is_the_gaussian_process_of_its_own_kernel():
     torch.testing.assert_close(model.predict(poses).variance, variance)
 
 
+@pytest.mark.slow
 def test_it_tends_to_the_exact_process():
     known, poses = smooth_map(), poses_in_room(100, seed=1)
     wanted = ExactGP().fit(known, KERNEL).predict(poses).mean

@@ -26,6 +26,7 @@ def on_a_street(count=150):
     return DescriptorMap.of(poses, descriptors_at(poses - torch.tensor([1e6, 0, 0]), 6))
 
 
+@pytest.mark.slow
 def test_it_is_the_gaussian_process_of_its_interpolated_kernel():
     """Conjugate gradients and a Lanczos root of full rank against dense matrices."""
     known, poses = smooth_map(60), poses_in_room(20, seed=1)
@@ -79,6 +80,7 @@ def test_the_interpolated_kernel_is_positive_semidefinite():
     assert torch.linalg.eigvalsh(weights @ covariance @ weights.T).min() > -1e-10
 
 
+@pytest.mark.slow
 def test_it_tends_to_the_exact_process_as_the_grid_grows_finer():
     known, poses = smooth_map(), poses_in_room(100, seed=1)
     exact = ExactGP().fit(known, KERNEL).predict(poses)

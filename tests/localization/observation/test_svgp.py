@@ -25,6 +25,7 @@ def test_one_step_with_the_whole_map_is_sgpr():
     assert svgp.elbo() == pytest.approx(sgpr.elbo(), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("forgetting", "batch"), [(1.0, 64), (0.7, 64)])
 def test_it_converges_to_sgpr_with_the_same_inducing_poses(forgetting, batch):
     """A batch that does not divide the map, so that no whole pass is exact by construction."""

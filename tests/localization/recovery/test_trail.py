@@ -182,6 +182,7 @@ def frames_until_found(window, seed):
     return 60
 
 
+@pytest.mark.slow
 def test_a_window_finds_a_robot_whose_every_image_looks_like_many_places():
     alone, window = ([frames_until_found(n, seed) for seed in range(8)] for n in (0, 10))
     assert sorted(window)[6] <= 15

@@ -69,6 +69,7 @@ def test_an_example_is_found(client, tmp_path):
     assert sum(each["score"] > 0.7 for each in found["photos"][0]["found"]) == 2
 
 
+@pytest.mark.slow
 def test_moves_are_tolerated_only_if_asked_for(client, tmp_path):
     upright = drawn(tmp_path / "one.png", (240, 240), glyphs=((120, 120),)).read_bytes()
     turned = png(np.asarray(Image.open(tmp_path / "one.png").rotate(90)))
@@ -124,6 +125,7 @@ def test_a_mistake_is_one_line_and_names_what_the_user_calls_the_file(client, qu
         assert place not in json.dumps(found)
 
 
+@pytest.mark.slow
 def test_a_strip_of_twenty_to_one_is_answered_and_not_trusted(client):
     status, found = ask(client, "photo", ("strip.png", png(np.tile(NOISE[:40], (1, 2, 1))[:, :800])))
     assert (status, found["verdict"]) == (200, "not trustworthy")
@@ -253,6 +255,7 @@ def test_a_fault_of_ours_is_told_without_its_details(monkeypatch, caplog):
     assert "secret" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_port_that_is_taken_is_named():
     with served() as address:
         port = int(address.rstrip("/").rpartition(":")[2])

@@ -55,6 +55,7 @@ def trained(tmp_path_factory):
     return calibration, crops, validation
 
 
+@pytest.mark.slow
 def test_it_knows_what_its_pictures_look_like_and_a_run_of_before_says_nothing(trained):
     calibration, crops, _ = trained
     of_before = {name: value for name, value in calibration.state_dict().items() if not name.startswith("looks")}
@@ -156,6 +157,7 @@ def test_without_geometric_methods_the_report_is_of_labels_and_the_network(train
     assert np.isfinite(report.errors["network"]["bearing_deg"]).all()
 
 
+@pytest.mark.slow
 def test_two_processes_see_the_lines_that_one_sees(trained):
     crops = trained[1]
     alone = _segment_counts(crops, "test", 24, lambda *_: None)

@@ -102,6 +102,7 @@ def test_filters_and_prototypes_are_those_of_training_images(usual):
     assert (found["prototypes.own"] > 0).all()
 
 
+@pytest.mark.slow
 def test_own_responses_are_the_same_whether_maxima_of_examples_are_known_or_not(outputs):
     chosen = ([], ["cosfire_svm"], ["tiled_svm"])
     runs = [
@@ -118,6 +119,7 @@ def test_own_responses_are_the_same_whether_maxima_of_examples_are_known_or_not(
 # -- identity, resuming, evaluation ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, tmp_path, monkeypatch):
     training_step, seen = CosfireRecognition.training_step, []
 
@@ -138,6 +140,7 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, tmp_pat
         np.testing.assert_array_equal(values, arrays(resumed)[name])
 
 
+@pytest.mark.slow
 def test_interrupted_while_filters_are_made(outputs, tmp_path, monkeypatch):
     whole = digits_run(outputs, *PLAIN, "task.prices=[10]")
     fit, done = CosfireEstimator.fit, []
@@ -156,12 +159,14 @@ def test_interrupted_while_filters_are_made(outputs, tmp_path, monkeypatch):
     assert_equal_weights(weights(whole), weights(resumed))
 
 
+@pytest.mark.slow
 def test_another_seed_takes_other_prototypes(usual, outputs):
     one, other = (digits_run(outputs, *PLAIN, "task.prices=[10]", f"seed={seed}") for seed in (0, 1))
     assert not torch.equal(weights(one)["prototypes.points"], weights(other)["prototypes.points"])
     assert (arrays(one)["labels"] == arrays(other)["labels"]).all()
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_tested_again_with_the_same_answers(usual, tmp_path):
     evaluate.main([f"run={usual.path}", f"paths.outputs={tmp_path}", "tracking=none"])
     (path,) = tmp_path.glob("runs/evaluation/*/metrics.json")
@@ -200,6 +205,7 @@ def test_filters_that_look_at_images_need_no_network(outputs):
     assert found.results()["metrics"]["val/accuracy"] > 0.5  # of the filters, on images that neither was made of
 
 
+@pytest.mark.slow
 def test_channels_of_a_feature_map(outputs):
     choices = ("bank=channels", "strategy=channel_peaks", "trainer.max_epochs=1", "task.images=120")
     found = digits_run(outputs, *choices, "task.methods=[cosfire_svm,strongest_filter]", "task.logarithms=true")
@@ -207,6 +213,7 @@ def test_channels_of_a_feature_map(outputs):
     assert accuracy(found)["strongest_filter"] > 0.2
 
 
+@pytest.mark.slow
 def test_classes_that_the_network_never_saw_are_told_by_examples(outputs):
     few = ("task.novel_classes=3", "task.examples=5", "trainer.max_epochs=4")
     found = digits_run(outputs, *few)
@@ -220,6 +227,7 @@ def test_classes_that_the_network_never_saw_are_told_by_examples(outputs):
     assert weights(found)["known.labels"].bincount().tolist() == [0] * 7 + [5] * 3
 
 
+@pytest.mark.slow
 def test_the_network_of_another_run_stays_as_it_is(outputs, network):
     shape = ("trainer.max_epochs=1", "task.images=120")
     chosen = ("features.layer=conv2", "~backbone", "task.prices=[10]")
@@ -232,6 +240,7 @@ def test_the_network_of_another_run_stays_as_it_is(outputs, network):
     assert not any(name.startswith("network.") for name in kept)
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_filters_is_trained_on_and_all_else_stays(usual, outputs):
     found = digits_run(outputs, "task.fine_tune.epochs=2")
     untuned, tuned = weights(usual), weights(found)
@@ -249,6 +258,7 @@ def test_a_copy_of_the_filters_is_trained_on_and_all_else_stays(usual, outputs):
     assert not torch.equal(tuned["tuned.channels"], tuned["filters.channels"])
 
 
+@pytest.mark.slow
 def test_the_number_of_tiles_changes_nothing_for_other_methods(usual, outputs):
     found = digits_run(outputs, "task.tiles=2")
     of_four, of_nine = (weights(run)["machines.tiled_svm.weights"].shape for run in (found, usual))
@@ -297,6 +307,7 @@ def places_run(street, outputs, *overrides):
     return RunDirectory(execute(to_plain(compose([*usual, *paths, *overrides]))).directory)
 
 
+@pytest.mark.slow
 def test_places_are_told_by_one_picture_each_without_any_network(street, outputs):
     found = places_run(street, outputs)
     kept = arrays(found)
@@ -319,6 +330,7 @@ def test_places_are_told_by_one_picture_each_without_any_network(street, outputs
     assert found.results()["filters"] == 3
 
 
+@pytest.mark.slow
 def test_places_seen_through_the_network_of_another_run(street, outputs, tmp_path):
     """A classifier of pictures of that shape, of two classes."""
     for split in ("train", "test"):
@@ -414,6 +426,7 @@ def test_mistakes_with_places_are_told(street, tmp_path, overrides, says):
         places_run(street, tmp_path, *overrides)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_cannot_smuggle_in_a_part_of_the_network_of_another_run(outputs, network, tmp_path):
     """The config of that run is kept as well, and built from."""
     shape = ("trainer.max_epochs=1", "task.images=120", "task.filters_per_class=1", "task.methods=[strongest_filter]")

@@ -78,6 +78,7 @@ def test_the_posterior_over_the_map_is_calibrated(usual):
     assert usual.results()["outcome"] == "finished"
 
 
+@pytest.mark.slow
 def test_no_other_tempering_is_better(usual, run):
     noise = usual.results()["metrics"]["val/appearance_variance"]
     best = usual.results()["metrics"]["val/place_nll"]
@@ -114,6 +115,7 @@ def test_by_day_it_knows_where_it_is(run):
     assert arrays(found)["success/summer_noon"].mean() >= 0.85
 
 
+@pytest.mark.slow
 def test_whitened_errors(run):
     found = run("likelihood.whitening=true", "task.starts=1", "task.horizon=12")
     assert found.results()["metrics"]["val/place_nll"] < found.results()["metrics"]["val/place_nll_uniform"]
@@ -123,6 +125,7 @@ def test_whitened_errors(run):
     assert not torch.allclose(whitener, torch.eye(16, dtype=torch.float64))
 
 
+@pytest.mark.slow
 def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
     found = run("task.objective=vecchia", "task.images=120", "task.starts=1", "task.horizon=12", *USUAL)
     losses = logged(found, "train/loss")
@@ -132,6 +135,7 @@ def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
         assert 0.5 < other / joint < 2
 
 
+@pytest.mark.slow
 def test_a_sharper_kernel_is_trained_alike_and_used_sharpened(run, usual):
     overrides = ("kernel.sharper={length: 0.5, noise: 0.001}", "task.starts=1", "task.horizon=12", "task.save_map=true")
     found = run(*overrides, *USUAL)
@@ -145,6 +149,7 @@ def test_a_sharper_kernel_is_trained_alike_and_used_sharpened(run, usual):
     assert found.results()["metrics"]["val/tempering"] != usual.results()["metrics"]["val/tempering"]
 
 
+@pytest.mark.slow
 def test_a_laser_needs_no_training(run):
     directory = run("observation=laser_field", "task.starts=2", "trainer.max_epochs=1")
     found = directory.results()
@@ -158,6 +163,7 @@ def test_a_laser_needs_no_training(run):
 # -- identity, resuming, evaluation ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, run, tmp_path, monkeypatch):
     training_step, seen = Localization.training_step, []
 
@@ -191,6 +197,7 @@ def test_the_checkpoint_knows_its_task(usual):
     assert content["spec"] == {"dimension": 16, "unit": "m"}
 
 
+@pytest.mark.slow
 def test_descriptors_are_worked_out_once(usual, cache, run, monkeypatch):
     before = {path: path.stat().st_mtime_ns for path in cache.glob("descriptors-*.npy")}
     assert before
@@ -205,6 +212,7 @@ def test_descriptors_are_worked_out_once(usual, cache, run, monkeypatch):
         run("descriptor.dimensions=8", "task.starts=1", "task.horizon=12")
 
 
+@pytest.mark.slow
 def test_a_thinned_map_has_the_descriptors_of_the_images_that_are_left(run, usual, monkeypatch):
     seen = []
     fit_map = Localization.fit_map
@@ -229,11 +237,13 @@ def test_a_fault_without_what_it_needs(run):
         run("fault=wrong_season_map", "fault.condition=spring_rain", "task.starts=1", "task.horizon=12")
 
 
+@pytest.mark.slow
 def test_training_goes_on_from_the_weights_of_another_run(usual, run):
     found = run("trainer.max_epochs=1", f"init_from={usual.path}", "task.starts=1", "task.horizon=12")
     assert logged(found, "train/loss")[0] < logged(usual, "train/loss")[2]
 
 
+@pytest.mark.slow
 def test_a_trained_localizer_is_tested_with_another_fault(usual, cache, outputs):
     places = (f"paths.outputs={outputs}", f"paths.cache={cache}", "tracking=none")
     evaluate.main([f"run={usual.path}", "fault=kidnap", "fault.distance=2.0", *places])
@@ -267,6 +277,7 @@ class Nothing(Evidence):
         return torch.full((self.runs, self.images), -torch.inf, dtype=torch.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recovery", ["none", "uniform", "augmented", "topk_naive", "bayes_restart"])
 def test_steps_in_which_no_particle_explains_the_image_are_counted_and_got_over(run, recovery, monkeypatch):
     observe, steps = Camera.observe, []
@@ -284,6 +295,7 @@ def test_steps_in_which_no_particle_explains_the_image_are_counted_and_got_over(
             assert np.isfinite(values).all(), name
 
 
+@pytest.mark.slow
 def test_a_run_tells_what_its_sensor_is_worth_and_costs(usual, run):
     found = usual.results()["metrics"]
     by_drive = [found[f"test/descriptor_nll/{name}"] for name in ("summer_noon", "night_clear")]

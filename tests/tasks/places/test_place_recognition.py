@@ -106,6 +106,7 @@ def test_pictures(trained):
     assert names == {"precision_recall_night", "similarity_night", "gallery_night", "condition_confusion"}
 
 
+@pytest.mark.slow
 def test_the_last_layer_is_solved_for_after_the_last_epoch(folder, tmp_path):
     whitening = ["task.whitening={components: 64, shrinkage: 1.0}", "task.dimension=16", "task.baselines=false"]
     run = RunDirectory(execute(config(folder, tmp_path, *whitening)).directory)
@@ -130,6 +131,7 @@ def test_too_few_images_to_solve_for_the_last_layer_are_told_before_training(fol
         execute(config(folder, tmp_path, "task.whitening={components: 8, shrinkage: 1}", "task.test_checkpoint=best"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "overrides",
     [
@@ -146,6 +148,7 @@ def test_choices_can_be_combined(folder, tmp_path, overrides):
     assert np.isfinite(run.results()["metrics"]["test/recall_at_1"])
 
 
+@pytest.mark.slow
 def test_evaluation_repeats_the_test(trained, folder):
     outputs, run = trained
     evaluate.main([f"run={run.path}", "task.baselines=false", f"paths.outputs={outputs}", "tracking=none"])
@@ -154,6 +157,7 @@ def test_evaluation_repeats_the_test(trained, folder):
     assert again["test/recall_at_1"] == run.results()["metrics"]["test/recall_at_1"]
 
 
+@pytest.mark.slow
 def test_a_trained_run_is_tested_in_bad_pictures(trained):
     """Beside the clean recall, which is as it was; pairs of conditions are of clean images alone."""
     outputs, run = trained
@@ -167,6 +171,7 @@ def test_a_trained_run_is_tested_in_bad_pictures(trained):
     assert not any("to_night_corrupted" in name for name in metrics)
 
 
+@pytest.mark.slow
 def test_runs_repeat_bit_for_bit(folder, tmp_path):
     first, second = (
         execute(config(folder, tmp_path / name, "trainer.max_epochs=2", "task.baselines=false")) for name in "ab"

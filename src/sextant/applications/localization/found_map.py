@@ -5,6 +5,7 @@ from pathlib import Path
 from sextant.atomic_files import read_json
 from sextant.errors import UserError
 from sextant.runs.resolve import resolve_run
+from sextant.zoo import PREFIX
 
 #: of a run's folder
 MAP = "map"
@@ -12,7 +13,7 @@ HEADER, FORMAT = "map.json", "sextant.localization_map"
 
 
 def find_map(reference: Path | str, outputs: Path) -> Path | None:
-    """The folder of the map of a run of localization, or None if it names no such run.
+    """The folder of the map of a run of localization or of the zoo, or None if it names no such run.
 
     Args:
         reference: a folder that a map was saved to, or a run, as for :func:`~sextant.runs.resolve.resolve_run`.
@@ -30,6 +31,9 @@ def find_map(reference: Path | str, outputs: Path) -> Path | None:
         found = resolve_run(str(reference), outputs)
     except UserError:
         return None  # reported where a run is needed
+    if str(reference).startswith(PREFIX):  # a model of the zoo keeps it beside its weights, in a folder of its name
+        folder = found.checkpoint.with_suffix("")
+        return folder if (folder / HEADER).is_file() else None
     if found.directory is None or found.directory.state().get("task") != "localization":
         return None
     folder = found.directory.path / MAP
