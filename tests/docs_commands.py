@@ -54,6 +54,7 @@ MODELS = {
     "places.md": ("task=place_recognition",),
     "corruptions.md": ("dataset=cifar10", "backbone=resnet20"),
     "push_pull.md": ("dataset=cifar10", "backbone=resnet20"),
+    "zoo.md": ("task=localization",),
 }
 
 
