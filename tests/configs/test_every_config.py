@@ -32,6 +32,7 @@ NEEDED = {
     "dataset=panorama_folder": ["dataset.folder=/nowhere", "task=calibration"],
     "dataset=panorama_mix": ["dataset.sources.real.folder=/nowhere", "task=calibration"],
     "experiment=deepcalib_paper": ["dataset.folder=/nowhere"],
+    "experiment=localization_folder": ["dataset.folder=/nowhere"],
     "experiment=calibration_photos": ["dataset.sources.real.folder=/nowhere"],
     "experiment=calibration_held": ["dataset.sources.real.folder=/nowhere"],
     "tracking=server": ["tracking.uri=http://127.0.0.1:1"],

@@ -20,8 +20,8 @@ from tiny_office import QUICK as QUICK_LOCALIZER
 from sextant import cli
 
 ONCE = ("trainer=fast", *QUICK_CLASSIFIER, "trainer.max_epochs=1", "tracking=none")
-FRAMES = ("dataset.height=16", "dataset.width=24", "descriptor.dimensions=8", "task.starts=2", "task.horizon=15")
-POSES = "dataset=pose_folder dataset.folder=<folder> dataset.map=map 'dataset.test={run: run}'"
+FRAMES = (*(each for each in QUICK_LOCALIZER if not each.startswith("descriptor.")), "task.starts=2", "task.horizon=15")
+POSES = "dataset.folder=<folder> dataset.map=map 'dataset.test={run: run}'"
 PROTOTYPE = "prototype=photo.jpg point=310,190 input=<folder> output=<folder>"
 #: what is run, with what makes it quick, and what it prints; ``<run>`` is the classifier of the first
 RUN = {
@@ -50,9 +50,9 @@ RUN = {
     "python train.py task=localization 'dataset.size_m=[14, 12]' 'dataset.metres=[40, 8, 16]' dataset.every=4 "
     "task.starts=3": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     "python train.py task=localization": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
-    f"python train.py task=localization {POSES}": ((*QUICK_LOCALIZER, *FRAMES), "particles"),
-    f"python train.py task=localization {POSES} dataset.poses=gps dataset.protocol=town": (
-        (*QUICK_LOCALIZER, *FRAMES),
+    f"python train.py experiment=localization_folder {POSES}": (FRAMES, "particles"),
+    f"python train.py experiment=localization_folder {POSES} dataset.poses=gps dataset.protocol=town": (
+        FRAMES,
         "particles",
     ),
     "python train.py --help": ((), "Config groups"),

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 #: of poses drawn about an image of the map, where the config gives none: in rad
 SPREAD_HEADING = math.radians(10)
 
+#: of a likelihood: to the images of the validation drives, or besides along these drives
+ALONG_DRIVES = "along_drives"
+FITTED = ("fitted", ALONG_DRIVES)
+
 
 class LocalizationRecipe(Recipe):
     """See :class:`~sextant.tasks.localization.module.Localization`."""
@@ -117,14 +121,14 @@ class LocalizationRecipe(Recipe):
             given = likelihood["tempering"]
             return LaserLocalization(
                 partial(_scan_model, config),
-                None if given == "fitted" else float(given),
+                None if given in FITTED else float(given),
                 task["validation_images"],
                 task["resolution_m"],
             )
         from sextant.localization.likelihood import Likelihood
         from sextant.tasks.localization.module import Calibration, Localization
 
-        fit_tempering, fit_noise = (likelihood[key] == "fitted" for key in ("tempering", "appearance_noise"))
+        fit_tempering, fit_noise = (likelihood[key] in FITTED for key in ("tempering", "appearance_noise"))
         calibration = Calibration(
             Likelihood(
                 likelihood["form"],
@@ -136,6 +140,7 @@ class LocalizationRecipe(Recipe):
             fit_noise,
             likelihood["whitening"],
             task["validation_images"],
+            partial(test_settings, config) if likelihood["tempering"] == ALONG_DRIVES else None,
         )
         kernel = config.plain["kernel"]
         sharper = kernel.get("sharper")
@@ -169,7 +174,9 @@ class LocalizationRecipe(Recipe):
         faults, settings = _faults(config), test_settings(config, data)
         kernel = None if _is_laser(config) else module.kernel.frozen()
         with self.reporter.progress("localizing", "trials") as progress:
-            outcomes = list(run_trials(data, faults, settings, partial(module.observers, data), progress, kernel))
+            outcomes = list(
+                run_trials(data.drives, faults, settings, partial(module.observers, data), progress, kernel)
+            )
         trials = [outcome.trial for outcome in outcomes]
         found = {report.name_of(o.trial, trials): report.judge(o, data.drives) for o in outcomes}
         told = report.metrics(found, data.drives)  # before anything that is measured for itself adds to the peak memory

@@ -21,6 +21,10 @@ MOST_STREAMS = 4
 STEP = 1e-3
 #: the body's axis that is upright where another looks ahead: y of a camera points down, z of a robot up
 UPRIGHT: dict[Ahead, int] = {"z": 1, "x": 2}
+#: what localizes photos in a map of the user's own, and images too small for the network that describes those
+OF_PHOTOS, OF_SMALL = ("experiment=localization_folder",), ("task=localization", "dataset=pose_folder")
+#: pixels of the shorter side from which an image is a photo, as for ``Localizer.from_images``
+ENOUGH = 48
 #: cosine from which a body is level enough, on average
 LEVEL = 0.7
 
@@ -110,7 +114,7 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
             continue
         tests = {plain_name(_below(each, base)): each.relative_to(base) for each in folders[1:]}
         words = [
-            "task=localization", "dataset=pose_folder", f"dataset.folder={override(seen.folder / base)}",
+            *(OF_PHOTOS if _show_enough(seen, found) else OF_SMALL), f"dataset.folder={override(seen.folder / base)}",
             f"dataset.map={override(folders[0].relative_to(base))}", f"dataset.test={overrides_of(tests)}",
             f"dataset.poses={form}", *([] if FILES.get(form) == file else [f"dataset.pose_file={override(file)}"]),
             *(f"dataset.{key}={value}" for key, value in ground.items()),
@@ -121,6 +125,12 @@ def _of_poses(seen: Seen) -> Iterator[Suggestion]:
         if form == "gps":
             why += "; where EXIF has no direction of view, the camera is taken to look along the way"
         yield Suggestion("localize in a map of your own", why, (command("train", *words),))
+
+
+def _show_enough(seen: Seen, found: dict[Path, FoundPoses]) -> bool:
+    """Whether the network of places, which describes photos, sees something in the images of all drives."""
+    sides = [min(each.width, each.height) for file, each in seen.headers.items() if file.parent in found]
+    return min(sides, default=0) >= ENOUGH
 
 
 def _on_one_ground(seen: Seen, found: dict[Path, FoundPoses]) -> dict[Path, FoundPoses]:

@@ -28,7 +28,9 @@ from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.pose_kernel import PoseKernel, Spatial
+from sextant.tasks.localization.along_drives import best_share, nll_along
 from sextant.tasks.localization.sensor_measures import descriptor_nll, looked_at, sensor_cost, timed
+from sextant.tasks.localization.test import TestSettings
 from sextant.tasks.localization.validation import (
     Queries,
     nearest_errors,
@@ -52,6 +54,8 @@ class Calibration:
         likelihood: with the values that are given.
         fit_tempering, fit_noise, whitening: which of :mod:`sextant.localization.calibration` is done.
         images: of the validation drives that are considered.
+        settings: of the filter that goes along them, for :mod:`sextant.tasks.localization.along_drives`; None leaves
+            the tempering as single images ask for it.
     """
 
     likelihood: Likelihood
@@ -59,6 +63,7 @@ class Calibration:
     fit_noise: bool
     whitening: bool
     images: int
+    settings: Callable[[LocalizationDataModule], TestSettings] | None = None
 
 
 class Localization(pl.LightningModule):
@@ -168,7 +173,7 @@ class Localization(pl.LightningModule):
     # -- calibration ---------------------------------------------------------------------------------------------------
 
     def calibrate(self, data: LocalizationDataModule) -> None:
-        """Fit appearance noise, then tempering, to the validation drives."""
+        """Fit appearance noise, then tempering, to the images of the validation drives; then to the drives."""
         wanted = self.calibration
         model, queries = self._validation(data)
         likelihood = replace(wanted.likelihood, tempering=1.0)
@@ -182,6 +187,14 @@ class Localization(pl.LightningModule):
         else:
             likelihood = replace(likelihood, tempering=wanted.likelihood.tempering)
         self.fitted.copy_(self.fitted.new_tensor([likelihood.tempering, likelihood.appearance_variance]))
+        if wanted.fit_tempering and wanted.settings is not None:
+            settings, of_one = wanted.settings(data), likelihood.tempering
+
+            def score(share: float) -> float:
+                self.fitted[0] = share * of_one
+                return nll_along(self, data, settings)
+
+            self.fitted[0] = best_share(score) * of_one
 
     @property
     def likelihood(self) -> Likelihood:

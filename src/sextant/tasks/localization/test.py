@@ -10,7 +10,6 @@ from jaxtyping import Float64
 from numpy import ndarray
 from torch import Tensor
 
-from sextant.data.localization.datamodule import LocalizationDataModule
 from sextant.data.localization.drive import Drive
 from sextant.data.localization.faults import Fault, WrongStart
 from sextant.data.localization.localization_data import LocalizationData
@@ -125,7 +124,7 @@ MakeObservers = Callable[[Drive, Drive], Callable[[Drive], Observer]]
 
 
 def run_trials(
-    data: LocalizationDataModule,
+    drives: LocalizationData,
     faults: Mapping[str, Fault],
     settings: TestSettings,
     make_observers: MakeObservers,
@@ -135,14 +134,13 @@ def run_trials(
     """Localize every test drive with every fault and number of particles.
 
     Args:
-        data: the drives.
+        drives: of which those of the test are localized.
         faults: by name.
         settings: of the filter and of the runs.
         make_observers: see there.
         progress: called with trials done and trials in all.
         kernel: that was learnt, of a camera.
     """
-    drives = data.drives
     total = len(faults) * len(drives.test) * len(settings.particle_counts)
     done = 0
     for number, (name, fault) in enumerate(faults.items()):

@@ -214,7 +214,7 @@ class Likelihood(Node):
 
     form: Literal["full", "univariate", "student"]
     dof: Positive = Field(examples=[4.0])
-    tempering: Annotated[float, Field(gt=0, le=1)] | Literal["fitted"] = Field(examples=["fitted"])
+    tempering: Annotated[float, Field(gt=0, le=1)] | Literal["fitted", "along_drives"] = Field(examples=["fitted"])
     appearance_noise: NonNegative | Literal["fitted"] = Field(examples=["fitted"])
     whitening: bool
 
