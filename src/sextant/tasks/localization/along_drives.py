@@ -20,22 +20,19 @@ follows from the curvature and the variance of the score; ours from what a filte
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.data.localization.datamodule import LocalizationDataModule
 from sextant.data.localization.faults import NoFault
+from sextant.data.localization.localization_data import LocalizationData
 from sextant.evaluation.localization.pose_posterior import PLANE, RAILWAY, pose_errors
 from sextant.localization.localize import Track
 from sextant.localization.map_prior import half_spacing
-from sextant.tasks.localization.test import TestSettings, run_trials
-
-if TYPE_CHECKING:
-    from sextant.tasks.localization.module import Localization
+from sextant.localization.pose_kernel import PoseKernel
+from sextant.tasks.localization.test import MakeObservers, TestSettings, run_trials
 
 #: runs along each validation drive, and steps of each, at most
 RUNS, STEPS = 4, 100
@@ -94,9 +91,17 @@ def told_nll(
         return np.asarray(-np.logaddexp(np.log(told.mass) + density, -math.log(volume)))
 
 
-def nll_along(module: "Localization", data: LocalizationDataModule, settings: TestSettings) -> Float64[ndarray, " b"]:
-    """Of the true poses of stretches of the validation drives in nats, by a filter and the module's likelihood."""
-    drives = data.drives
+def nll_along(
+    drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
+) -> Float64[ndarray, " b"]:
+    """Of the true poses of stretches of the validation drives in nats.
+
+    Args:
+        drives: of which those for validation are localized.
+        settings: of the filter; runs are fewer and shorter.
+        make_observers: as for :func:`~sextant.tasks.localization.test.run_trials`.
+        kernel: that was learnt.
+    """
     where = drives.map if drives.validation_map is None else drives.validation_map
     asked = replace(drives, map=where, test=drives.validation, validation=(), validation_map=None)
     few = replace(
@@ -110,11 +115,8 @@ def nll_along(module: "Localization", data: LocalizationDataModule, settings: Te
     across = np.ptp(where.poses[:, :2], axis=0) + 2 * spacing
     axes, volume = (PLANE, across.prod() * 2 * math.pi) if drives.unit == "m" else (RAILWAY, across[0])
     floor = (FLOOR * spacing, FLOOR * spacing, FLOOR_HEADING)
-    kernel = module.kernel.frozen()
     found = []
-    for outcome in run_trials(
-        asked, {"none": NoFault()}, few, lambda *maps: module.observers(data, *maps), kernel=kernel
-    ):
+    for outcome in run_trials(asked, {"none": NoFault()}, few, make_observers, kernel=kernel):
         nll = told_nll(outcome.runs.poses, outcome.track, axes, floor, float(volume))
         for run, inside in zip(nll.T, outcome.runs.inside.T, strict=True):
             kept = run[inside]

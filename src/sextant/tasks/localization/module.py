@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pytorch_lightning as pl
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 from numpy import ndarray
 from torch import Tensor
 
@@ -188,13 +188,13 @@ class Localization(pl.LightningModule):
             likelihood = replace(likelihood, tempering=wanted.likelihood.tempering)
         self.fitted.copy_(self.fitted.new_tensor([likelihood.tempering, likelihood.appearance_variance]))
         if wanted.fit_tempering and wanted.settings is not None:
-            settings, of_one = wanted.settings(data), likelihood.tempering
+            settings, of_one, make = wanted.settings(data), likelihood.tempering, partial(self.observers, data)
 
-            def score(share: float) -> float:
+            def scores(share: float) -> Float64[ndarray, " b"]:
                 self.fitted[0] = share * of_one
-                return nll_along(self, data, settings)
+                return nll_along(data.drives, settings, make, self.kernel.frozen())
 
-            self.fitted[0] = best_share(score) * of_one
+            self.fitted[0] = best_share(scores) * of_one
 
     @property
     def likelihood(self) -> Likelihood:
