@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import pytest
 import torch
@@ -10,7 +11,7 @@ from sextant.runs.checkpoint import SCHEMA_VERSION
 from sextant.runs.resolve import resolve_run
 from sextant.trained.camera_network import trained_camera_network
 from sextant.trained.content import read_trained
-from sextant.zoo import model_file, names, read_card, write_model
+from sextant.zoo import model_file, names, read_card, read_model, write_model
 
 
 @pytest.fixture(scope="module")
@@ -85,3 +86,17 @@ def test_a_card_of_another_file_does_not_open_weights(shelf):
 def test_a_run_of_the_zoo_is_known_wherever_runs_are(tmp_path):
     with pytest.raises(UserError, match="zoo:nothing: no such model"):
         resolve_run("zoo:nothing", tmp_path)
+
+
+def test_tensors_that_share_their_memory_and_those_of_double_precision_are_written_as_they_are(tmp_path):
+    one = torch.full((2, 2), 1 / 3, dtype=torch.float64)
+    model = {"schema_version": SCHEMA_VERSION, "config": {}, "spec": {}, "task": "localization"}
+    path = write_model("shared", model, {"a": one, "b": one[:1]}, {"licence": "MIT"}, tmp_path)
+    _, weights = read_model(path)
+    assert torch.equal(weights["a"], one)
+    assert torch.equal(weights["b"], one[:1])
+
+
+def test_the_page_of_the_models_has_each():
+    page = (Path(__file__).parents[2] / "docs" / "zoo.md").read_text()
+    assert [name for name in names() if f"`zoo:{name}`" not in page] == []
