@@ -90,8 +90,9 @@ def main() -> None:
     facts = json.loads(Path(given["card"]).read_text(encoding="utf-8"))
     if FITTED in facts:  # of place recognition: confidences, by benchmarks.unseen_places
         model["spec"] = {**model["spec"], FITTED: facts.pop(FITTED)}
+    folder = find_map(given["run"], outputs) if trained["task"] == "localization" else None
     written = write_model(given["name"], model, weights, facts)
-    if folder := find_map(given["run"], outputs) if trained["task"] == "localization" else None:
+    if folder is not None:
         shutil.rmtree(kept_map := written.with_suffix(""), ignore_errors=True)
         shutil.copytree(folder, kept_map, ignore=shutil.ignore_patterns(PICTURES))
     print(written)

@@ -123,7 +123,6 @@ def test_composes_validates_and_builds(group, option):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize("option", groups()["sweep"])
 def test_every_arm_and_every_value_of_a_sweep_composes_and_validates(option):
     choice = f"sweep={option}"

@@ -47,7 +47,7 @@ def main(arguments: Sequence[str]) -> None:
     folder = find_map(options.map, default_outputs())
     if folder is None:
         raise UserError(
-            f"map={options.map}: neither a saved map nor a run of localization",
+            f"map={options.map}: neither a saved map nor a run of localization, nor zoo:office",
             "Localizer.from_images(images, poses).save(folder) makes one; sextant walk makes one of images with poses.",
         )
     make_output(options.output)

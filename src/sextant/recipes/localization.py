@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 #: of poses drawn about an image of the map, where the config gives none: in rad
 SPREAD_HEADING = math.radians(10)
 
-#: of a likelihood: to the images of the validation drives, or besides along these drives
+#: of a likelihood: to single images of the validation drives, or then to a filter along these drives
 ALONG_DRIVES = "along_drives"
 FITTED = ("fitted", ALONG_DRIVES)
 
@@ -49,6 +49,8 @@ class LocalizationRecipe(Recipe):
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if _is_laser(config):
             found["filter"].pop("support", None)  # that of a map of images
+            if found["likelihood"]["tempering"] == ALONG_DRIVES:  # a scan's is fitted to single ones
+                found["likelihood"]["tempering"] = "fitted"
         return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
 
     def source(self, config: Config) -> "LocalizationSource":

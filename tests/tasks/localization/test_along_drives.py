@@ -10,7 +10,7 @@ from tiny_office import SHARP, office_cache, office_config
 from sextant.lifecycle.execute import execute
 from sextant.localization.localize import Track
 from sextant.runs.directory import RunDirectory
-from sextant.tasks.localization.along_drives import LEAST, best_share, told_nll
+from sextant.tasks.localization.along_drives import BACKGROUND, LEAST, best_share, reported_pose_nll
 
 
 def told(pose, covariance, mass):
@@ -28,25 +28,29 @@ def test_what_was_told_is_scored_as_a_gaussian_or_anywhere(axes, mass):
     rng = np.random.default_rng(0)
     root, truth, mean = rng.normal(size=(3, 3)), rng.normal(size=3) / 3, rng.normal(size=3) / 3
     floor, volume = (0.1, 0.2, 0.05), 50.0
-    found = told_nll(truth[None, None], told(mean, root @ root.T, mass), axes, floor, volume)
+    found = reported_pose_nll(truth[None, None], told(mean, root @ root.T, mass), axes, floor, volume)
     covariance = (root @ root.T + np.diag(np.square(floor)))[np.ix_(axes, axes)]
     density = multivariate_normal(mean[list(axes)], covariance).pdf(truth[list(axes)])
-    assert found.item() == pytest.approx(-math.log(mass * density + 1 / volume))
+    mass *= 1 - BACKGROUND
+    assert found.item() == pytest.approx(-math.log(mass * density + (1 - mass) / volume))
 
 
 def test_headings_go_round():
     at = told((0.0, 0.0, math.pi - 0.01), np.eye(3), 1.0)
     near, far = (
-        told_nll(np.array([[[0.0, 0.0, h]]]), at, (0, 1, 2), (0.1,) * 3, 50.0).item() for h in (0.01 - math.pi, 0.0)
+        reported_pose_nll(np.array([[[0.0, 0.0, h]]]), at, (0, 1, 2), (0.1,) * 3, 50.0).item()
+        for h in (0.01 - math.pi, 0.0)
     )
     assert near < far
 
 
-def test_a_pose_that_is_sure_and_wrong_costs_no_more_than_one_that_says_nothing():
+def test_a_pose_that_is_sure_and_wrong_costs_more_than_one_that_says_nothing_but_not_without_end():
     wrong = told((9.0, 0.0, 0.0), np.zeros((3, 3)), 1.0)
     nothing = told((9.0, 0.0, 0.0), np.zeros((3, 3)), 0.0)
-    scores = [told_nll(np.zeros((1, 1, 3)), each, (0, 1), (0.1,) * 3, 50.0).item() for each in (wrong, nothing)]
-    assert scores == pytest.approx([math.log(50.0)] * 2)
+    scores = [
+        reported_pose_nll(np.zeros((1, 1, 3)), each, (0, 1), (0.1,) * 3, 50.0).item() for each in (wrong, nothing)
+    ]
+    assert scores == pytest.approx([math.log(50.0 / BACKGROUND), math.log(50.0)])
 
 
 def test_the_search_goes_on_past_one_share_that_is_no_better_and_ends():
@@ -59,6 +63,11 @@ def test_the_search_goes_on_past_one_share_that_is_no_better_and_ends():
     assert best_share(scores) == 0.25
     assert asked == [1.0, 0.5, 0.25, 0.125, 0.0625]
     assert best_share(lambda share: np.full(3, share)) == LEAST
+
+
+@pytest.mark.parametrize("stretches", [0, 1])
+def test_one_stretch_of_a_drive_decides_nothing(stretches):
+    assert best_share(lambda share: np.full(stretches, share)) == 1.0
 
 
 def test_a_share_has_to_be_better_by_more_than_chance():

@@ -2,19 +2,19 @@ r"""How much an image counts along a drive, where images that follow one another
 
 A tempering that is fitted to single images (:mod:`sextant.localization.calibration`) makes the posterior of one image
 as sure as it is right. A filter multiplies the likelihoods of many as if they erred independently, but what a map does
-not know about a place is wrong in all images taken there, and the belief grows far too narrow. So the filter itself is
-asked: along the validation drives an image counts by the share
+not know about a place is wrong in all images taken there, and the belief grows too narrow. So the tempering
+:math:`\beta` is raised less, to a share :math:`\rho` of it, by the score of the filter along the validation drives,
 
-.. math:: \rho = \arg\min_{\rho \in \{1, 1/2, 1/4, \dots\}} \frac1{TR} \sum_{t, r}
-   -\log\!\big(m_{tr}\, \mathcal N(x^*_{tr};\, \hat x_{tr}, P_{tr}) + 1/V\big)
+.. math:: S(\rho) = \frac1{T} \sum_t
+   -\log\!\big(m_t\, \mathcal N(x^*_t;\, \hat x_t, P_t) + (1 - m_t) / V\big) :
 
-of the tempering :math:`\beta` that makes the true poses :math:`x^*` likeliest: under the pose :math:`\hat x` and the
-covariance P that are told, which the heaviest mode of weight m has, or anywhere in the volume V of the map. The
-logarithm is a proper score: a belief too narrow loses by it, and so does one wider than it need be or found late.
+the density of the true pose :math:`x^*` under a Gaussian at the reported pose :math:`\hat x` with its covariance P,
+weighted by the mass m of its mode, and under a uniform density over the volume V of the map. Shares 1, 1/2, 1/4, ...
+are tried until two in a row are no better, and of these the largest within a standard error of the best is taken.
 
-Source of the idea: likelihoods that count dependent data as independent are raised to a power, as composite likelihoods
-are: F. Pauli, W. Racugno, L. Ventura, "Bayesian composite marginal likelihoods", Statistica Sinica 21, 2011. Theirs
-follows from the curvature and the variance of the score; ours from what a filter is for.
+Sources: P. Grünwald, "The Safe Bayesian", ALT 2012, which chooses the power of a likelihood by the logarithmic loss of
+predictions along a sequence; L. Breiman et al., "Classification and Regression Trees", 1984, for the rule of one
+standard error.
 """
 
 import math
@@ -34,24 +34,23 @@ from sextant.localization.map_prior import half_spacing
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.tasks.localization.test import MakeObservers, TestSettings, run_trials
 
-#: runs along each validation drive, and steps of each, at most
+#: runs along each validation drive, and steps of each, at most; the test's have no part in it
 RUNS, STEPS = 4, 100
 #: shares in a row that are no better, upon which the search ends; and the smallest
 PATIENCE, LEAST = 2, 2.0**-10
-#: steps whose scores count as one
-BLOCK = 20
-#: of what is told: in spacings of the map, and in rad
+#: frames of a drive whose scores count as one
+STRETCH = 20
+#: the smallest standard deviations of a reported pose: in spacings of the map, and of its heading in rad
 FLOOR, FLOOR_HEADING = 0.05, math.radians(0.5)
+#: mass of the uniform density at least
+BACKGROUND = 1e-3
 
 
 def best_share(scores: Callable[[float], Float64[ndarray, " b"]]) -> float:
-    r"""The largest share of the tempering, of 1, 1/2, 1/4 and so on, that is not certainly worse than the best.
-
-    Drives for validation are short, and one place that the map does not know may be half of them. So a share has to
-    beat a larger one by more than the standard error of their difference.
+    r"""The largest share of the tempering, of 1, 1/2, 1/4 and so on, within a standard error of the best.
 
     Args:
-        scores: of stretches of drives at a share, lower is better.
+        scores: of stretches of drives at a share, lower is better; with fewer than two the share is 1.
 
     >>> best_share(lambda share: np.array([0.1, -0.1, 0.0]) + abs(share - 0.2))
     0.25
@@ -59,66 +58,71 @@ def best_share(scores: Callable[[float], Float64[ndarray, " b"]]) -> float:
     1.0
     """
     found, best, share = {1.0: scores(1.0)}, 1.0, 0.5
+    if len(found[1.0]) < 2:
+        return 1.0
     while share >= LEAST and best < share * 2.0 ** (PATIENCE + 1):
         found[share] = scores(share)
         best = share if found[share].mean() < found[best].mean() else best
         share /= 2
     worse = {share: each - found[best] for share, each in found.items()}
-    return max(share for share, by in worse.items() if by.mean() <= by.std(ddof=1) / math.sqrt(len(by)))
+    near = [share for share, by in worse.items() if by.mean() <= by.std(ddof=1) / math.sqrt(len(by))]
+    return max([best, *near])
 
 
-def told_nll(
+def reported_pose_nll(
     truth: Float64[ndarray, "*n 3"],
-    told: Track,
+    track: Track,
     axes: tuple[int, ...],
     floor: tuple[float, float, float],
     volume: float,
 ) -> Float64[ndarray, "*n"]:
-    """Of true poses under what was told of them, in nats.
+    """Of true poses under those that a filter reported, in nats.
 
     Args:
         truth: of steps and runs.
-        told: of the same.
+        track: of the same.
         axes: coordinates that count.
-        floor: standard deviations that are not told apart from none.
-        volume: that a robot which is not where it is told to be is anywhere in.
+        floor: the smallest standard deviations.
+        volume: that a robot which is not where it is reported is anywhere in.
     """
-    error = pose_errors(truth, told.pose)[..., axes]
-    covariance = told.covariance[..., axes, :][..., axes] + np.diag(np.square(floor))[axes, :][:, axes]
+    error = pose_errors(truth, track.pose)[..., axes]
+    covariance = track.covariance[..., axes, :][..., axes] + np.diag(np.square(floor))[axes, :][:, axes]
     squared = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(-1)
     density = -(squared + np.linalg.slogdet(covariance)[1] + len(axes) * math.log(2 * math.pi)) / 2
+    mass = (1 - BACKGROUND) * np.clip(track.mass, 0.0, 1.0)
     with np.errstate(divide="ignore"):
-        return np.asarray(-np.logaddexp(np.log(told.mass) + density, -math.log(volume)))
+        return np.asarray(-np.logaddexp(np.log(mass) + density, np.log1p(-mass) - math.log(volume)))
 
 
 def nll_along(
     drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
 ) -> Float64[ndarray, " b"]:
-    """Of the true poses of stretches of the validation drives in nats.
+    """Of the true poses of stretches of the validation drives in nats; all runs through a stretch count as one.
 
     Args:
         drives: of which those for validation are localized.
-        settings: of the filter; runs are fewer and shorter.
+        settings: of the filter.
         make_observers: as for :func:`~sextant.tasks.localization.test.run_trials`.
         kernel: that was learnt.
     """
     where = drives.map if drives.validation_map is None else drives.validation_map
-    asked = replace(drives, map=where, test=drives.validation, validation=(), validation_map=None)
-    few = replace(
+    validation = replace(drives, map=where, test=drives.validation, validation=(), validation_map=None)
+    usual = replace(
         settings,
-        particle_counts=settings.particle_counts[:1],
-        starts=min(settings.starts, RUNS),
-        horizon=min(settings.horizon, STEPS),
+        particle_counts=(max(settings.particle_counts),),
+        starts=RUNS,
+        horizon=STEPS,
+        every=1,
         replay=False,
     )
     spacing = 2 * half_spacing(torch.from_numpy(where.poses))
     across = np.ptp(where.poses[:, :2], axis=0) + 2 * spacing
     axes, volume = (PLANE, across.prod() * 2 * math.pi) if drives.unit == "m" else (RAILWAY, across[0])
     floor = (FLOOR * spacing, FLOOR * spacing, FLOOR_HEADING)
-    found = []
-    for outcome in run_trials(asked, {"none": NoFault()}, few, make_observers, kernel=kernel):
-        nll = told_nll(outcome.runs.poses, outcome.track, axes, floor, float(volume))
-        for run, inside in zip(nll.T, outcome.runs.inside.T, strict=True):
-            kept = run[inside]
-            found += [block.mean() for block in np.array_split(kept, -(-len(kept) // BLOCK))] if len(kept) else []
-    return np.array(found)
+    stretches = []
+    for outcome in run_trials(validation, {"none": NoFault()}, usual, make_observers, kernel=kernel):
+        runs = outcome.runs
+        nll = reported_pose_nll(runs.poses, outcome.track, axes, floor, float(volume))[runs.inside]
+        stretch = runs.frames[runs.inside] // STRETCH
+        stretches += [float(nll[stretch == number].mean()) for number in np.unique(stretch)]
+    return np.array(stretches)

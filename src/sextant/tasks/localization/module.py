@@ -54,8 +54,8 @@ class Calibration:
         likelihood: with the values that are given.
         fit_tempering, fit_noise, whitening: which of :mod:`sextant.localization.calibration` is done.
         images: of the validation drives that are considered.
-        settings: of the filter that goes along them, for :mod:`sextant.tasks.localization.along_drives`; None leaves
-            the tempering as single images ask for it.
+        settings: of the filter that goes along them, for :mod:`sextant.tasks.localization.along_drives`, whose
+            tempering belongs to this filter; None leaves the tempering as single images ask for it.
     """
 
     likelihood: Likelihood
