@@ -23,8 +23,7 @@ OFFICE = (
 )  # fmt: skip
 QUICK = (
     "task.starts=3", "task.horizon=30", "task.replay=false", "task.save_map=false", "filter.particles=200",
-    "descriptor.height=16", "descriptor.width=24", "descriptor.dimensions=16", "likelihood.tempering=fitted",
-    "trainer.max_epochs=2",
+    "descriptor.height=16", "descriptor.width=24", "descriptor.dimensions=16", "trainer.max_epochs=2",
     "trainer.progress=false", "tracking=none",
 )  # fmt: skip
 #: of the finished run: by day alone, larger and seen more sharply, so that it knows well where it is

@@ -50,6 +50,7 @@ RUN = {
     "python train.py task=localization 'dataset.size_m=[14, 12]' 'dataset.metres=[40, 8, 16]' dataset.every=4 "
     "task.starts=3": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     "python train.py task=localization": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
+    "python train.py task=localization likelihood.tempering=along_drives": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     f"python train.py experiment=localization_folder {POSES}": (FRAMES, "particles"),
     f"python train.py experiment=localization_folder {POSES} dataset.poses=gps dataset.protocol=town": (
         FRAMES,

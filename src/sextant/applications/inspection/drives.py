@@ -23,7 +23,7 @@ STEP = 1e-3
 UPRIGHT: dict[Ahead, int] = {"z": 1, "x": 2}
 #: what localizes photos in a map of the user's own, and images too small for the network that describes those
 OF_PHOTOS, OF_SMALL = ("experiment=localization_folder",), ("task=localization", "dataset=pose_folder")
-#: pixels of the shorter side from which an image is a photo
+#: pixels of the shorter side from which an image is a photo, as in applications/localization/localizer_folder.py
 ENOUGH = 48
 #: cosine from which a body is level enough, on average
 LEVEL = 0.7

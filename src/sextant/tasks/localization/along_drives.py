@@ -2,11 +2,11 @@ r"""How much an image counts along a drive, where images that follow one another
 
 A tempering that is fitted to single images (:mod:`sextant.localization.calibration`) makes the posterior of one image
 as sure as it is right. A filter multiplies the likelihoods of many as if they erred independently, but what a map does
-not know about a place is wrong in all images taken there, and the belief grows too narrow. So the tempering
-:math:`\beta` is raised less, to a share :math:`\rho` of it, by the score of the filter along the validation drives,
+not know about a place is wrong in all images taken there, and the belief grows too narrow. With
+``likelihood.tempering=along_drives`` only a share :math:`\rho` of that tempering is used, chosen by the score of the
+filter along the validation drives, the mean over all steps of
 
-.. math:: S(\rho) = \frac1{T} \sum_t
-   -\log\!\big(m_t\, \mathcal N(x^*_t;\, \hat x_t, P_t) + (1 - m_t) / V\big) :
+.. math:: -\log\!\big(m\, \mathcal N(x^*;\, \hat x, P) + (1 - m) / V\big) :
 
 the density of the true pose :math:`x^*` under a Gaussian at the reported pose :math:`\hat x` with its covariance P,
 weighted by the mass m of its mode, and under a uniform density over the volume V of the map. Shares 1, 1/2, 1/4, ...
@@ -76,14 +76,14 @@ def reported_pose_nll(
     floor: tuple[float, float, float],
     volume: float,
 ) -> Float64[ndarray, "*n"]:
-    """Of true poses under those that a filter reported, in nats.
+    r"""Negative log-likelihood :math:`-\log(m \mathcal N(x^*; \hat x, P) + (1 - m) / V)` of true poses, in nats.
 
     Args:
-        truth: of steps and runs.
-        track: of the same.
+        truth: x, y and heading in rad, by step and run.
+        track: what the filter reported there.
         axes: coordinates that count.
-        floor: the smallest standard deviations.
-        volume: that a robot which is not where it is reported is anywhere in.
+        floor: standard deviations added to those reported, so that none is zero.
+        volume: V, of the map, in its unit, squared but for a railway, and times rad.
     """
     error = pose_errors(truth, track.pose)[..., axes]
     covariance = track.covariance[..., axes, :][..., axes] + np.diag(np.square(floor))[axes, :][:, axes]
@@ -97,7 +97,7 @@ def reported_pose_nll(
 def nll_along(
     drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
 ) -> Float64[ndarray, " b"]:
-    """Of the true poses of stretches of the validation drives in nats; all runs through a stretch count as one.
+    """Means of :func:`reported_pose_nll` over stretches of the validation drives, each over all runs through it.
 
     Args:
         drives: of which those for validation are localized.
@@ -119,10 +119,10 @@ def nll_along(
     across = np.ptp(where.poses[:, :2], axis=0) + 2 * spacing
     axes, volume = (PLANE, across.prod() * 2 * math.pi) if drives.unit == "m" else (RAILWAY, across[0])
     floor = (FLOOR * spacing, FLOOR * spacing, FLOOR_HEADING)
-    stretches = []
+    scores = []
     for outcome in run_trials(validation, {"none": NoFault()}, usual, make_observers, kernel=kernel):
         runs = outcome.runs
         nll = reported_pose_nll(runs.poses, outcome.track, axes, floor, float(volume))[runs.inside]
         stretch = runs.frames[runs.inside] // STRETCH
-        stretches += [float(nll[stretch == number].mean()) for number in np.unique(stretch)]
-    return np.array(stretches)
+        scores += [float(nll[stretch == number].mean()) for number in np.unique(stretch)]
+    return np.array(scores)
