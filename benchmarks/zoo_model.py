@@ -42,11 +42,12 @@ ANYWHERE = {"paths": {"data": "data", "outputs": "outputs", "cache": "data"}}
 
 
 def without_places(config: dict[str, Any]) -> dict[str, Any]:
-    """A config without the folders of the machine that it was run on."""
+    """A config without the folders and the GPU of the machine that it was run on."""
     for source in config["dataset"].get("sources", {}).values():
         if "folder" in source:
             source["folder"] = Path(source["folder"]).name
-    return {**config, **ANYWHERE, "init_from": None}
+    trainer = {**config["trainer"], "accelerator": "cpu"}
+    return {**config, **ANYWHERE, "trainer": trainer, "init_from": None}
 
 
 @torch.no_grad()

@@ -38,7 +38,7 @@ from sextant.lifecycle.evaluation import checkpoint_config
 from sextant.lifecycle.search.design import read_search
 from sextant.lifecycle.sweep_plan import cell_config, read_design
 from sextant.recipes import recipe_of
-from sextant.zoo import model_file, names, read_card
+from sextant.zoo import PREFIX, model_file, names, read_card
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
@@ -133,8 +133,9 @@ def _train(command: Command, words: list[str]) -> None:
 
 
 def _evaluate(command: Command, words: list[str]) -> None:
-    raw = _model(MODELS.get(command.page, ()))
-    _, overrides = split_run(words, command.text)
+    run, overrides = split_run(words, command.text)
+    shipped = [f"{PREFIX}{name}" for name in names()]
+    raw = read_card(model_file(run))["model"]["config"] if run in shipped else _model(MODELS.get(command.page, ()))
     task = raw["task"]["name"]
     config = checkpoint_config({"config": raw, "task": task, "spec": {}}, overrides)
     recipe_of(task).check_parts(config)

@@ -1,9 +1,9 @@
-"""Every task on a GPU as on the CPU: a training step, and the answers of a trained network."""
+"""Every task that can on a GPU as on the CPU: a training step, and the answers of a trained network."""
 
 import numpy as np
 import pytest
 import torch
-from cli.test_precisions import TASKS, cache  # noqa: F401 - a fixture
+from cli.test_precisions import TASKS, cache, localization  # noqa: F401 - a fixture
 
 from sextant.lifecycle.evaluation import evaluate_run
 from sextant.lifecycle.execute import execute
@@ -12,6 +12,8 @@ from sextant.runs.history import read_history
 
 pytestmark = [pytest.mark.gpu, pytest.mark.slow]
 THERE = "gpu"
+#: the tasks that compute on a GPU if asked to
+ON_GPU = [task for task in TASKS if task is not localization]
 #: of answers that are not numbers on a scale, such as labels: how many may differ
 FLIPPED = 0.02
 
@@ -22,7 +24,7 @@ def device():
         pytest.skip("no CUDA device")
 
 
-@pytest.fixture(params=TASKS, ids=lambda task: task.__name__)
+@pytest.fixture(params=ON_GPU, ids=lambda task: task.__name__)
 def runs(request, tmp_path, cache):  # noqa: F811
     """The run of a task on the CPU, and its like on the device."""
     found = []

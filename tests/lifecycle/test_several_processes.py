@@ -214,6 +214,7 @@ def test_runs_of_before_are_the_same_experiment():
         (["task=cosfire", TWO], r"trainer\.devices=2: task=cosfire configures filters.*\ntrainer\.devices=1"),
         (["task=localization", TWO], r"trainer\.devices=2: task=localization learns a few hyper-parameters"),
         (["task=localization", "trainer.compile=true"], r"trainer\.compile=True: task=localization"),
+        (["task=localization", "trainer.accelerator=gpu"], r"trainer\.accelerator=gpu: task=localization learns a few"),
         ([TWO], r"launcher=local: no run of several processes starts.*\n.*launcher=joblib launcher\.workers=1"),
         ([TWO, "launcher=ray"], r"trainer\.devices=2 needs as many cpus; launcher\.cpus=1 of a run\nlauncher\.cpus=2"),
         (["trainer.devices=4", "trainer.batch_size=3"], r"trainer\.devices=4 share batches of 3"),

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
+from sextant.layers.cell_means import cell_means
 from sextant.models.fine_tuning import freeze, set_rate_factors
 from sextant.models.trunk_input import TrunkInput
 from sextant.models.trunk_weights import imagenet_weights
@@ -142,7 +143,7 @@ class EfficientNetLite0(nn.Module):
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Outputs of the last layer."""
         x = self.stages(self.stem(self.normalize(x)))
-        cells = x.mean((2, 3)) if self.grid == (1, 1) else F.adaptive_avg_pool2d(x, self.grid).flatten(1)
+        cells = x.mean((2, 3)) if self.grid == (1, 1) else cell_means(x, self.grid).flatten(1)
         return self.classifier(cells)  # type: ignore[no-any-return]
 
     def _load(self, state: dict[str, Tensor]) -> None:

@@ -20,6 +20,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.layers.cell_means import cell_means
 from sextant.models.convolutions import convolutions
 
 #: gradient, per pixel of an image in [-1, 1], below which there is no edge
@@ -120,4 +121,4 @@ class OrientedCNN(nn.Module):
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Outputs of the last layer for a batch of images."""
         cells = self.gradients(x).contiguous(memory_format=torch.channels_last)
-        return self.head(F.adaptive_avg_pool2d(self.features(cells), self.grid).flatten(1))  # type: ignore[no-any-return]
+        return self.head(cell_means(self.features(cells), self.grid).flatten(1))  # type: ignore[no-any-return]

@@ -2,10 +2,10 @@
 
 import math
 
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sextant.layers.cell_means import cell_means
 from sextant.models.convolutions import convolutions
 
 
@@ -51,4 +51,4 @@ class StridedCNN(nn.Module):
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Outputs of the last layer for a batch of images."""
-        return self.head(F.adaptive_avg_pool2d(self.features(x), self.grid).flatten(1))  # type: ignore[no-any-return]
+        return self.head(cell_means(self.features(x), self.grid).flatten(1))  # type: ignore[no-any-return]

@@ -67,6 +67,7 @@ class Recipe(ABC):
         prediction_example: arguments of ``predict.py`` that say what to predict.
         uncorrupted: how it tests images, if it has no use for test conditions of the group ``corruption``.
         alone: why it is trained by one process and uncompiled, if it is.
+        on_cpu: why a GPU would bring it nothing, if it computes on the CPU alone.
         test_settings: keys of ``task`` that control testing, and may change after training.
         reporter: listens to long work.
     """
@@ -77,6 +78,7 @@ class Recipe(ABC):
     prediction_example: ClassVar[str] = "input=<folder>"
     uncorrupted: ClassVar[str] = ""
     alone: ClassVar[str] = ""
+    on_cpu: ClassVar[str] = ""
     test_settings: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, reporter: Reporter = SILENT):
@@ -91,6 +93,8 @@ class Recipe(ABC):
                     f"trainer.{key}={getattr(trainer, key)}: task={config.task.name} {self.alone}",
                     "trainer.devices=1 trainer.compile=false",
                 )
+        if self.on_cpu and trainer.accelerator == "gpu":
+            raise UserError(f"trainer.accelerator=gpu: task={config.task.name} {self.on_cpu}", "trainer.accelerator=cpu")
         if self.uncorrupted and (not isinstance(suite, CorruptionSuite) or suite.corruptions):
             raise UserError(f"corruption: task={config.task.name} tests {self.uncorrupted}", "corruption=none")
 

@@ -49,11 +49,16 @@ def picture_looks(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 16"]:
     edges = [_log(band.mean((1, 2))) for band in (along + down).tensor_split(BANDS, 1)]
     whole = [
         grey.flatten(1).std(1),
-        _log(detail.median(1).values),
+        _log(_lower_median(detail)),
         _log(detail.mean(1)),
         _log(along.mean((1, 2))) - _log(down.mean((1, 2))),
     ]
     return torch.stack([*edges, *bands, *whole], 1)
+
+
+def _lower_median(values: Float[Tensor, "b n"]) -> Float[Tensor, "b"]:
+    """By sorting, as the median of rows that PyTorch has for a GPU is refused where results are to repeat."""
+    return values.sort(1).values[:, (values.shape[1] - 1) // 2]
 
 
 @dataclass(frozen=True)

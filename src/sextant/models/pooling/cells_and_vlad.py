@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from sextant.layers.cell_means import cell_means
 from sextant.models.pooling.netvlad import NetVLAD
 
 
@@ -43,5 +44,5 @@ class CellsAndVLAD(NetVLAD):
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """NetVLAD of the map, then the weighted means of its cells; both in float32."""
         x = x.to(torch.promote_types(x.dtype, torch.float32))
-        means = F.adaptive_avg_pool2d(x, self.grid).flatten(1)
+        means = cell_means(x, self.grid).flatten(1)
         return torch.cat([super().forward(x), self.cells * F.normalize(means, dim=1)], 1)

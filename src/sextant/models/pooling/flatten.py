@@ -4,10 +4,10 @@ Every place on the image has weights of its own, so that it matters where someth
 returns to the same spots, wrong for one that looks from elsewhere. The form of Lopez-Antequera et al. 2017.
 """
 
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from sextant.layers.cell_means import cell_means
 from sextant.models.pooling.pooling import Pooling
 
 
@@ -36,4 +36,4 @@ class Flatten(Pooling):
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b k"]:
         """Channels of the cells, ``k = c h w``."""
-        return (x if self.grid is None else F.adaptive_avg_pool2d(x, self.grid)).flatten(1)
+        return (x if self.grid is None else cell_means(x, self.grid)).flatten(1)

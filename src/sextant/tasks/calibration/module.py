@@ -127,10 +127,10 @@ class Calibration(CameraNetwork, pl.LightningModule):
 
     def on_validation_epoch_end(self) -> None:
         """Log median errors, and keep the scores that the intervals rest on, and what the images look like."""
-        columns = (torch.cat(column) for column in zip(*self._validation, strict=True))
+        columns = (torch.cat(column).cpu() for column in zip(*self._validation, strict=True))
         error, scores, bearing, beside, looks, panoramas = columns
         self._validation = []
-        self.keep_validation(scores, looks.cpu(), panoramas.cpu())
+        self.keep_validation(scores, looks, panoramas)
         tilt, roll, vfov, k1_hat = error.median(0).values
         self.log_dict(
             {
