@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sextant import ImageClassifier
-from sextant.data.cifar10 import CLASSES, CIFAR10
+from sextant.data.cifar10 import CIFAR10, CLASSES
 from sextant.zoo import model_file, read_card
 
 NAMES = ("resnet20", "resnet20_push_pull")

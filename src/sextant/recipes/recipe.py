@@ -94,7 +94,8 @@ class Recipe(ABC):
                     "trainer.devices=1 trainer.compile=false",
                 )
         if self.on_cpu and trainer.accelerator == "gpu":
-            raise UserError(f"trainer.accelerator=gpu: task={config.task.name} {self.on_cpu}", "trainer.accelerator=cpu")
+            told = f"trainer.accelerator=gpu: task={config.task.name} {self.on_cpu}"
+            raise UserError(told, "trainer.accelerator=cpu")
         if self.uncorrupted and (not isinstance(suite, CorruptionSuite) or suite.corruptions):
             raise UserError(f"corruption: task={config.task.name} tests {self.uncorrupted}", "corruption=none")
 
