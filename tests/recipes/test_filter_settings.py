@@ -13,13 +13,31 @@ from sextant.recipes.localization import test_settings as settings_of
 LINE = np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)])
 
 
+def filter_of(overrides, poses=LINE, unit="m"):
+    config = validate(to_plain(compose(["task=localization", *overrides])))
+    data = SimpleNamespace(drives=SimpleNamespace(map=SimpleNamespace(poses=poses), unit=unit))
+    return settings_of(config, data).filter(torch.from_numpy(poses))
+
+
 @pytest.mark.parametrize(
     ("overrides", "supported"), [([], True), (["filter.support=null"], False), (["observation=laser_field"], False)]
 )
 def test_cameras_are_asked_where_the_map_is_and_lasers_anywhere(overrides, supported):
-    config = validate(to_plain(compose(["task=localization", *overrides])))
-    data = SimpleNamespace(drives=SimpleNamespace(map=SimpleNamespace(poses=LINE), unit="m"))
-    found = settings_of(config, data).filter(torch.from_numpy(LINE))
+    found = filter_of(overrides)
     assert (found.support is not None) is supported
     if found.support is not None:
         assert found.support.reach == pytest.approx(0.5)  # of a map every metre
+
+
+@pytest.mark.parametrize(("spacing", "unit", "aside"), [(1.0, "m", 0.2), (5.0, "m", 1.0), (1.0, "frames", 0.0)])
+def test_noise_of_odometry_follows_from_how_far_the_images_of_a_map_are_apart(spacing, unit, aside):
+    motion = filter_of(["motion=spacing"], LINE * [spacing, 1, 1], unit).motion
+    assert motion.if_unknown()[:2] == pytest.approx((2 * spacing, aside))
+    assert motion.per_metre[0] * spacing == pytest.approx((0.3 * spacing) ** 2)  # over a spacing, three tenths of it
+
+
+@pytest.mark.parametrize(("motion", "line"), [("railway", True), ("exponential", False), ("spacing", False)])
+def test_what_no_step_would_mend_is_not_drawn(motion, line):
+    along, across, heading = filter_of([f"motion={motion}"]).prior.sigmas
+    assert along > 0
+    assert (across == 0, heading == 0) == (line, line)

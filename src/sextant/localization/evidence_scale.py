@@ -14,7 +14,7 @@ image counts by the way since the last, as in
 
 Source: M. Xu, N. Sünderhauf, M. Milford, "Probabilistic Visual Place Recognition for Hierarchical Localization", RA-L
 2021, for the quantiles, with :math:`\delta = 5` and the distances of descriptors of a drive's first image. With as few
-as a thousand particles 5 starts too slowly in a town of 800 images; 10 does not.
+as a thousand particles 5 starts too slowly in a town of 800 images; 10 and 20 do not.
 """
 
 import math

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sextant.config import Config
 from sextant.config.building import build, part_name
 from sextant.config.schema import LocalizationTask
-from sextant.config.schema.localization.parts import LASERS
+from sextant.config.schema.localization.parts import LASERS, ExponentialMotion, SpacingMotion
 from sextant.errors import UserError
 from sextant.recipes.assemble import build_dataset, build_training
 from sextant.recipes.descriptors import describer, descriptor_identity
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sextant.data.localization.datamodule import LocalizationDataModule
     from sextant.data.localization.source import LocalizationSource
+    from sextant.localization.motion import MotionModel
     from sextant.reports.measure import RunValues
     from sextant.reports.shared_set import SharedSet
     from sextant.tasks.localization.test import TestSettings
@@ -231,7 +232,7 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
             math.radians(filter.kld.bin_heading_deg),
         )
     return TestSettings(
-        build(config.plain, "motion"),
+        _motion(config, data),
         build(config.plain, "recovery"),
         getattr(resampling, f"{filter.resampling.capitalize()}Resampling")(),
         filter.ess_threshold,
@@ -248,8 +249,24 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
     )
 
 
+def _motion(config: Config, data: "LocalizationDataModule") -> "MotionModel":
+    """The motion model, with the spacing of the map if it asks for it."""
+    import torch
+
+    from sextant.localization.map_support import map_spacing
+
+    if not isinstance(config.motion, SpacingMotion):
+        found: MotionModel = build(config.plain, "motion")
+        return found
+    spacing = map_spacing(torch.from_numpy(data.drives.map.poses))
+    return build(config.plain, "motion", spacing=spacing, line=data.drives.unit == "frames")  # type: ignore[no-any-return]
+
+
 def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, float, float]:
-    """Standard deviations of poses drawn about an image of the map: as given, or from how far its images are apart."""
+    """Standard deviations of poses drawn about an image of the map: as given, or from how far its images are apart.
+
+    Where odometry never errs across, no step would mend what was drawn there: all starts on the line, as it heads.
+    """
     import torch
 
     from sextant.localization.map_prior import half_spacing
@@ -257,9 +274,14 @@ def _spread(config: Config, data: "LocalizationDataModule") -> tuple[float, floa
     assert config.filter is not None
     position = config.filter.spread_position or half_spacing(torch.from_numpy(data.drives.map.poses))
     heading = config.filter.spread_heading_deg
-    if data.drives.unit == "frames":
+    if data.drives.unit == "frames" or (isinstance(config.motion, ExponentialMotion) and _keeps_line(config.motion)):
         return position, 0.0, 0.0
     return position, position, SPREAD_HEADING if heading is None else math.radians(heading)
+
+
+def _keeps_line(motion: ExponentialMotion) -> bool:
+    told = (motion.per_step, motion.per_metre, motion.per_radian, motion.unknown or [])
+    return not any(noise for each in told for noise in each[1:])
 
 
 def _faults(config: Config) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from sextant.localization import motion, recovery, resampling
 from sextant.localization.kld_size import KLDSize
 from sextant.localization.map_prior import MapPrior
 from sextant.localization.map_support import MapSupport, map_spacing
-from sextant.localization.motion import ExponentialMotion, MotionModel
+from sextant.localization.motion import MotionModel
+from sextant.localization.motion.spacing import motion_of_spacing
 from sextant.localization.particle_filter import ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
@@ -71,7 +72,7 @@ def usual_filter(
     """The filter of a map and its kernel, of which nothing else is known: scales follow from the map's spacing."""
     spacing, support = map_spacing(poses), MapSupport.of(poses, kernel)
     return ParticleFilter(
-        motion or usual_motion(spacing),
+        motion or motion_of_spacing(spacing),
         SystematicResampling(),
         recovery or BayesRestart(window=WINDOW),
         MapPrior(poses, spacing / 2, support.heading_reach),
@@ -82,20 +83,6 @@ def usual_filter(
 def usual_radius(poses: Float64[Tensor, "n 3"]) -> float:
     """Of a mode, in the unit of positions: 2.5 times the spacing of the map."""
     return 2.5 * map_spacing(poses)
-
-
-def usual_motion(spacing: float) -> ExponentialMotion:
-    """Odometry that errs by three tenths over the spacing of a map, and by two such steps where it is missing.
-
-    Wheels err by a tenth or less, but alike in each step. What the noise does not allow for, images have to pull back
-    step by step, and the filter falls behind without knowing it (docs/localization.md, "In a changed world").
-    """
-    return ExponentialMotion(
-        per_step=(0.01 * spacing, 0.01 * spacing, 0.005),
-        per_metre=(0.09 * spacing, 0.001 * spacing, 0.002 / max(1.0, spacing)),
-        per_radian=(0.0, 0.001 * spacing**2, 0.002),
-        unknown=(2 * spacing, 0.2 * spacing, 0.1),
-    )
 
 
 def _part(part: Any, package: ModuleType) -> dict[str, Any] | None:

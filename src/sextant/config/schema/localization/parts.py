@@ -247,6 +247,12 @@ class OdometryMotion(Motion):
     unknown: Triple = Field(default=[0.5, 0.2, 0.2], examples=["[0.5,0.2,0.2]"])
 
 
+class SpacingMotion(Motion):
+    """Noise as a share of the spacing of the map's images."""
+
+    target: Literal["sextant.localization.motion.spacing.motion_of_spacing"] = Field(alias="_target_")
+
+
 class IdentityMotion(Motion):
     """A robot that does not move."""
 
