@@ -17,7 +17,6 @@ same map with it. Poses are 1,000 drawn about those of the test drives. In the t
 A sum of kernels is no Gaussian process: its means and variances are those of its nearest images, its weights its own.
 """
 
-import csv
 import math
 import sys
 import time
@@ -35,6 +34,7 @@ from rich.table import Table
 from scipy.stats import kendalltau
 
 from benchmarks.machine import describe_machine
+from sextant.atomic_files import write_csv
 from sextant.composing.compose import compose, to_plain
 from sextant.config import validate
 from sextant.data.localization.datamodule import LocalizationDataModule
@@ -116,7 +116,8 @@ def main(arguments: Sequence[str]) -> None:
     )
     console.print(as_table(told))
     for path in file:
-        write_csv(Path(path).expanduser(), told)
+        columns = [field.name for field in fields(Judged)]
+        write_csv(Path(path).expanduser(), columns, map(asdict, told))
 
 
 def models() -> Iterator[tuple[str, str, Make]]:
@@ -288,13 +289,6 @@ def as_table(told: Sequence[Judged]) -> Table:
         )  # fmt: skip
         table.add_row(one.model, one.size, *numbers)
     return table
-
-
-def write_csv(path: Path, told: Sequence[Judged]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Judged)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(one) for one in told)
 
 
 if __name__ == "__main__":

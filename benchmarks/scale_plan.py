@@ -9,7 +9,6 @@ The cluster is :mod:`benchmarks.shard_simulation`, the map in files :mod:`benchm
 ``docs/localization_scale.md``.
 """
 
-import csv
 import math
 import sys
 from collections.abc import Sequence
@@ -25,6 +24,7 @@ from benchmarks.localization import LIKELIHOOD, NEIGHBOURS, city
 from benchmarks.machine import describe_machine
 from benchmarks.mapped_map import IMAGES, show_mapped
 from benchmarks.shard_simulation import ASSUMED, MAP_IMAGES, Constants, Outcome, measure, plans, simulate
+from sextant.atomic_files import write_csv
 from sextant.cli.arguments import parse_arguments
 from sextant.errors import UserError
 from sextant.localization.appearance_proposal import AppearanceProposal
@@ -62,7 +62,8 @@ def main(arguments: Sequence[str]) -> None:
     outcomes = [simulate(plan, constants) for plan in plans()]
     console.print(as_table(outcomes))
     if "csv" in given:
-        write_csv(Path(given["csv"]).expanduser(), outcomes)
+        columns = [field.name for field in fields(Outcome)]
+        write_csv(Path(given["csv"]).expanduser(), columns, map(asdict, outcomes))
     return None
 
 
@@ -97,13 +98,6 @@ def as_table(outcomes: Sequence[Outcome]) -> Table:
 
 def _milliseconds(value: float, outcome: Outcome) -> str:
     return "overloaded" if outcome.overloaded else "" if math.isnan(value) else f"{value:.1f}"
-
-
-def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Outcome)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(one) for one in outcomes)
 
 
 if __name__ == "__main__":
