@@ -115,6 +115,8 @@ def test_composes_validates_and_builds(group, option):
         assert all(isinstance(build(raw["faults"]["faults"], name), Fault) for name in raw["faults"]["faults"])
     elif choice in ("observation=laser_field", "observation=laser_beam"):
         assert build(raw, group, grid=GRID, scanner=SCANNER, tempering=0.5).tempering == 0.5
+    elif choice == "motion=spacing":
+        assert build(raw, group, spacing=2.0).if_unknown()[0] == 4.0
     elif choice == "corruption=files":
         with pytest.raises(UserError, match=r"has no labels\.npy"):
             build(raw, group)
