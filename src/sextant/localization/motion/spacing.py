@@ -10,7 +10,8 @@ def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:
     step by step, and the filter falls behind without knowing it (docs/localization.md, "In a changed world").
 
     Args:
-        spacing: of the map's images, by :func:`~sextant.localization.map_support.map_spacing`.
+        spacing: of the map's images, in the unit of positions, above 0:
+            :func:`~sextant.localization.map_support.map_spacing`.
         line: positions are those along a line, and nothing errs across it.
 
     >>> motion_of_spacing(2.0).unknown
