@@ -1,6 +1,7 @@
 """A default localizer on real walks in a changed world: ``python -m benchmarks.changed_walks seeds=8``.
 
 Maps are one image a metre along a line; odometry errs by a tenth. Judged from the sixtieth step on, each seed once.
+With ``odometry=none`` the default alone without odometry, beside the nearest image of the map.
 With ``odometry=true`` the default alone: where odometry errs alike in each step, where there is none, while it stands
 still for the last forty steps, where odometry is broken, and on a drive through another world, where every frame that
 is not *lost* counts as *sure and wrong*.
@@ -28,12 +29,13 @@ from sextant.cli.arguments import parse_arguments
 from sextant.evaluation import share_interval
 from sextant.localization.observation.cached_local_gp import CachedLocalGP
 from sextant.localization.recovery import BayesRestart
+from sextant.retrieval.flat_index import FlatIndex
 
 KEYS = {
     "seeds": "how many; 8 unless given",
     "walks": "those whose names begin so; all unless given",
     "rows": "shrink all images to so many, and compare descriptors alone",
-    "odometry": "true: the default alone, under odometry that is worse than it was told",
+    "odometry": "true: the default alone, under odometry that is worse than it was told; none: without any",
 }
 CHI2_95 = 5.991  # of two dimensions
 JUDGED_FROM = 60
@@ -125,6 +127,17 @@ def worse_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Local
         yield name, made, scale, stands
 
 
+def without_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer, float | None, int]]:
+    """The default, that nobody tells how the robot moves."""
+    yield "no odometry", Localizer.from_images(images, poses), None, 0
+
+
+def nearest(localizer: Localizer, seen: list[ndarray], places: ndarray, at: ndarray) -> float:
+    """How many of the same images find a place within two of their own by the nearest descriptor of the map, %."""
+    found = FlatIndex(np.asarray(localizer.model.map.descriptors), "euclidean").search(np.stack(seen), 1).indices[:, 0]
+    return float(100 * (np.abs(places[found] - at) <= 2)[20 + JUDGED_FROM :].mean())
+
+
 def drive(
     localizer: Localizer, seen: list[ndarray], at: ndarray, seed: int, scale: float | None = 1.0, stands: int = 0
 ) -> ndarray:
@@ -171,11 +184,14 @@ def main() -> None:
         poses = np.zeros((len(images), 3))
         poses[:, 0] = places
         described: dict[int, tuple[KeptDescriptor, list[ndarray]]] = {}  # variants share a descriptor
-        made = worse_odometry if chosen.get("odometry") == "true" else variants if rows is None else descriptors
+        alone = {"true": worse_odometry, "none": without_odometry}.get(chosen.get("odometry", ""))
+        made = alone or (variants if rows is None else descriptors)
         for name, localizer, *odometry in made(images, poses):
             key = id(localizer.descriptor)
             if key not in described:
                 described[key] = localizer.descriptor, [localizer.describe(image) for image in seen]
+                if made is without_odometry:
+                    print(walk, f"nearest image {nearest(localizer, described[key][1], places, at):.0f}", flush=True)
             shown, where = (described[key][1], at) if name != "elsewhere" else elsewhere(localizer, data, walk)
             found = np.stack([drive(localizer, shown, where, seed, *odometry) for seed in range(seeds)])
             low, high = share_interval(found[:, 0] / 100, trials=seeds)

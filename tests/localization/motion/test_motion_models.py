@@ -11,6 +11,7 @@ from small_worlds import generator
 from sextant.errors import UserError
 from sextant.geometry import se2_between, se2_compose, se2_exp, se2_log, wrap_angle
 from sextant.localization.motion import ExponentialMotion, IdentityMotion, OdometryMotion
+from sextant.localization.motion.paced import PacedMotion
 
 NOISY = [
     ExponentialMotion((0.05, 0.02, 0.01), (0.01, 0.002, 0.001), (0.02, 0.01, 0.01)),
@@ -169,3 +170,20 @@ def test_exponential_motion_composes_the_motion_before_its_noise():
 def test_noise_that_is_none_is_refused(make, key):
     with pytest.raises(UserError, match=key):
         make()
+
+
+def test_where_motion_is_unknown_most_particles_keep_the_pace_and_the_others_spread():
+    measured = ExponentialMotion((0.05, 0.02, 0.01), unknown=(1.0, 0.1, 0.05))
+    poses, unknown = torch.zeros(1, 40_000, 3, dtype=torch.float64), torch.full((1, 3), math.nan, dtype=torch.float64)
+    for pace, one_in in ((5.0, 4), (None, 2)):
+        twist = se2_log(PacedMotion(measured, pace).sample(poses, unknown, generator(1)))[0]
+        others = torch.arange(40_000) % one_in == 0
+        for some, mean, spread in ((others, 0.0, (4.0, 0.1, 0.05)), (~others, pace or 0.0, (1.0, 0.1, 0.05))):
+            assert twist[some].mean(0).tolist() == pytest.approx([mean, 0, 0], abs=0.1)
+            assert twist[some].std(0).tolist() == pytest.approx(spread, rel=0.05)
+
+
+def test_a_pace_changes_nothing_of_a_motion_that_is_known():
+    poses, motion = start(), torch.tensor([[1.0, 0.1, 0.2]], dtype=torch.float64)
+    paced = PacedMotion(NOISY[0], 5.0).sample(poses, motion, generator(1))
+    assert torch.equal(paced, NOISY[0].sample(poses, motion, generator(1)))

@@ -95,6 +95,17 @@ def test_all_pairs_agree_with_the_report_where_it_has_them():
     assert not arrays["R@1_pm1f/pairs/queries_without_positive"].any()
 
 
+def test_all_pairs_round_as_the_report_does():
+    """Frames 50 apart look alike but for their length, so that only rounding says which of the two is found."""
+    places, rng = ride(("summer", "winter"), 100), np.random.default_rng(0)
+    looks = np.tile(rng.normal(size=(50, 128)), (4, 1)) * rng.uniform(0.5, 2, (200, 1))
+    looks[150:] = rng.normal(size=(50, 128))
+    descriptors = looks.astype(np.float32)
+    pairs = pair_metrics(condition_pairs(descriptors, places, TOLERANCE), TOLERANCE)
+    (found,) = compared(places, network=descriptors)
+    assert pairs["test/R_at_1_pm1f_winter_to_summer"] == found.methods["network"].hit.mean()
+
+
 # -- factors -----------------------------------------------------------------------------------------------------------
 
 

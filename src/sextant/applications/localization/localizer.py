@@ -10,7 +10,7 @@ The map may also be made of arrays, with :meth:`Localizer.from_images`, and save
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -46,10 +46,12 @@ from sextant.localization.initialisation import AppearanceStart, Initialisation,
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.map_support import images_near, map_spacing
 from sextant.localization.motion import MotionModel
+from sextant.localization.motion.paced import PacedMotion
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.odometry_scale import OdometryScale
+from sextant.localization.pace import Pace
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
@@ -118,8 +120,9 @@ class Localizer:
         unit: of positions.
         particles: unless their number adapts.
         adapts: learn while driving how the look of the world has changed since the map was made,
-            :class:`~sextant.localization.appearance_change.AppearanceChange`, and by how much odometry errs alike,
-            :class:`~sextant.localization.odometry_scale.OdometryScale`, and count images by how new they are; for a
+            :class:`~sextant.localization.appearance_change.AppearanceChange`, by how much odometry errs alike,
+            :class:`~sextant.localization.odometry_scale.OdometryScale`, and how fast the robot is where there is none,
+            :class:`~sextant.localization.pace.Pace`, and count images by how new they are; for a
             likelihood that was not fitted to another drive.
         odds: with ``adapts``, the scale of one image's evidence, as for
             :class:`~sextant.localization.evidence_scale.EvidenceScale`; None takes the likelihood's as it is.
@@ -184,6 +187,7 @@ class Localizer:
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
         self._foresight = Foresight()
         self._odometry = OdometryScale()
+        self._pace = Pace()
         self._before: LocalizedPose | None = None
 
     @torch.no_grad()
@@ -197,7 +201,8 @@ class Localizer:
 
         Args:
             motion: dx, dy in the unit of the map and dtheta in rad since the step before, in the robot's frame then.
-                None if it is unknown: particles then spread as the motion model says. Of the first step it is ignored.
+                None if it is unknown: particles then go on as the drive did, or spread as the motion model says. Of the
+                first step it is ignored.
             image: a file, bytes or a picture, stretched to the size of the map's images; None if nothing is seen.
             descriptor: of the image, in its place: as the map's were, before whitening.
 
@@ -219,13 +224,18 @@ class Localizer:
             weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
             state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
         else:
-            state, told = self.filter.step(self._state, moved[None], evidence, looked, self._generator)
+            paced = replace(self.filter, motion=self._motion)
+            state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
         self._past = [*self._past[-self.lag :], (state.belief, moved, self._foresight)] if self.lag else []
         found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
-        if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
+        if self.adapts and self._before is not None:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
-            self._odometry = self._odometry.seen(moved, before, after, self._spacing)
+            if evidence is not None:
+                sure = self._before.mass * found.mass * (1 - found.off_map)
+                self._pace = self._pace.seen(before, after, sure)
+            if min(self._before.mass, found.mass) >= MODE_MASS:
+                self._odometry = self._odometry.seen(moved, before, after, self._spacing)
         self._before = found
         return found
 
@@ -233,6 +243,14 @@ class Localizer:
     def odometry_scale(self) -> float:
         """What odometry is multiplied by, learned since the last reset; 1 for a localizer that does not adapt."""
         return self._odometry.factor
+
+    @property
+    def _motion(self) -> MotionModel:
+        """That of the filter; where nothing measures a motion, most particles keep the pace of the drive."""
+        if not self.adapts:
+            return self.filter.motion
+        strayed = self._before is not None and self._before.off_map > 0.5
+        return PacedMotion(self.filter.motion, None if strayed else self._pace.along(self._spacing))
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
@@ -246,7 +264,7 @@ class Localizer:
         if not beliefs:
             return []
         draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
-        better = smoothed(beliefs, motions, self.filter.motion, draws, progress=progress)
+        better = smoothed(beliefs, motions, self._motion, draws, progress=progress)
         return [self._told(belief, foresight) for belief, (_, _, foresight) in zip(better, self._past, strict=True)]
 
     def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:

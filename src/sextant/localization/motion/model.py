@@ -37,8 +37,11 @@ class MotionModel(ABC):
         if bool(known.all()):
             return se2_compose(poses, self.increments(motion, noise))
         told = self.increments(motion.masked_fill(~known[:, None], 0.0), noise)
-        lost = se2_exp(noise * poses.new_tensor(self.if_unknown()))
-        return se2_compose(poses, torch.where(known[:, None, None], told, lost))
+        return se2_compose(poses, torch.where(known[:, None, None], told, self.unmeasured(noise)))
+
+    def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
+        """The motion each particle makes where it is unknown, a function of standard normal noise."""
+        return se2_exp(noise * noise.new_tensor(self.if_unknown()))
 
     @abstractmethod
     def if_unknown(self) -> Sequence[float]:

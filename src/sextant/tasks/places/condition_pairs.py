@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from sextant.baselines.descriptor import unit_norm
 from sextant.data.places import PlaceImages, PlaceTolerance
 from sextant.evaluation.places.condition_recall import ConditionRecall, condition_recall
 from sextant.evaluation.places.positives import Positives
@@ -13,14 +14,18 @@ from sextant.tasks.places.report import logged_name, protocol_of
 def condition_pairs(
     descriptors: Float32[ndarray, "n d"], places: PlaceImages, tolerance: PlaceTolerance
 ) -> ConditionRecall:
-    """Recall@1 between all pairs of conditions of the images described, without those that are copies of another."""
+    """Recall@1 between all pairs of conditions of the images described, without those that are copies of another.
+
+    Descriptors are brought to norm one as :func:`~sextant.tasks.places.report.compare` does: where two references are
+    as near as float32 can tell, another rounding would find the other one, and one figure would have two values.
+    """
     if places.copies:
         names = places.originals
         descriptors = descriptors[np.concatenate([places.rows_of(name) for name in names])]
         places = places.only_conditions(names)
     every = np.arange(len(places))
     positives = Positives.from_sparse(places.positives(every, every, tolerance))
-    return condition_recall(descriptors, places.traverse, positives, places.conditions)
+    return condition_recall(unit_norm(descriptors), places.traverse, positives, places.conditions)
 
 
 def pair_metrics(pairs: ConditionRecall, tolerance: PlaceTolerance) -> dict[str, float]:

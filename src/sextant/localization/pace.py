@@ -1,0 +1,79 @@
+r"""How far a robot moves from image to image, learned where nothing measures its motion.
+
+Where there is no odometry, all that is known of the next motion is how the robot has moved so far. Its pace is the
+median of the ways, along its heading, between its last estimates, each weighted by how sure both were and by how much
+of the belief was on the map. So a camera that passes five images of the map from one of its own to the next is followed
+like one that passes one, and a pace outlasts a tunnel in which every place looks alike. Ways of a filter that is lost
+lead anywhere: as long as half of them differ by more than the map's spacing and the pace itself account for, there is
+no pace.
+
+Chosen on walks of Gardens Point, the railway of Nordland, a tower and towns: docs/localization.md, "Without odometry".
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from jaxtyping import Float64
+from torch import Tensor
+
+from sextant.geometry.planar import se2_between
+
+#: the last ways that weigh so much together are remembered: of a filter that is sure of itself, one weighs 1
+REMEMBERED = 10.0
+#: ways at most
+MOST = 100
+#: spacings of the map, besides the pace itself, between the quartiles of ways that agree, at most
+AGREE = 4.0
+#: ways before anything is said
+ENOUGH = 5
+
+
+@dataclass(frozen=True)
+class Pace:
+    """The way from one step to the next.
+
+    Attributes:
+        ways: the last ones, in the unit of the map, with their weights.
+
+    Example:
+        >>> import torch
+        >>> pace, here = Pace(), torch.zeros(3, dtype=torch.float64)
+        >>> for way in (2.0, 2.1, -40.0, 1.9, 2.0):
+        ...     pace = pace.seen(here, torch.tensor([way, 0.0, 0.0], dtype=torch.float64), 1.0)
+        >>> pace.along(spacing=1.0)
+        2.0
+    """
+
+    ways: tuple[tuple[float, float], ...] = ()
+
+    def along(self, spacing: float) -> float | None:
+        """Their weighted median; None as long as there are too few, or where they disagree.
+
+        Args:
+            spacing: of the map.
+        """
+        if len(self.ways) < ENOUGH:
+            return None
+        ways, weights = np.array(sorted(self.ways)).T
+        first, middle, last = ways[np.searchsorted(np.cumsum(weights), weights.sum() * np.array([0.25, 0.5, 0.75]))]
+        return float(middle) if last - first <= AGREE * spacing + abs(middle) else None
+
+    def seen(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float) -> Self:
+        """With the way between two estimated poses.
+
+        Args:
+            before, after: the poses.
+            weight: how sure they are, in (0, 1].
+        """
+        way = float(se2_between(before, after)[0])
+        if not (math.isfinite(way) and weight > 0):
+            return self
+        ways, total = [(way, weight)], weight
+        for one in reversed(self.ways):
+            if total >= REMEMBERED or len(ways) == MOST:
+                break
+            ways.append(one)
+            total += one[1]
+        return type(self)(tuple(reversed(ways)))
