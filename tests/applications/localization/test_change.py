@@ -170,6 +170,21 @@ def test_where_odometry_is_missing_nothing_is_foreseen(street, localizer):
     assert not told[-1].lost
 
 
+def test_without_odometry_it_learns_how_fast_it_goes(street, localizer):
+    """Two images of the map a step, then it stands; without an image it goes on as it went."""
+
+    def off(at, image=True):
+        told = localizer.step(None, street.at(street.winter, at) if image else None)
+        return abs(told.pose[0] / street.step - at)
+
+    localizer.reset(0)
+    moved = [off(4 + 2 * k) for k in range(32)]
+    assert max(moved[-12:]) < 1
+    assert off(68, image=False) < 2
+    stood = [off(68) for _ in range(20)]
+    assert np.median(stood[-10:]) < 1
+
+
 @pytest.mark.slow
 def test_without_support_particles_drift_to_where_no_map_is(street, localizer):
     before = Localizer(
