@@ -178,7 +178,7 @@ def test_where_motion_is_unknown_most_particles_keep_the_pace_and_the_others_spr
     for pace, one_in in ((5.0, 4), (None, 2)):
         twist = se2_log(PacedMotion(measured, pace).sample(poses, unknown, generator(1)))[0]
         others = torch.arange(40_000) % one_in == 0
-        for some, mean, spread in ((others, 0.0, (4.0, 0.1, 0.05)), (~others, pace or 0.0, (1.0, 0.1, 0.05))):
+        for some, mean, spread in ((others, 0.0, (4.0, 0.1, 0.2)), (~others, pace or 0.0, (1.0, 0.1, 0.05))):
             assert twist[some].mean(0).tolist() == pytest.approx([mean, 0, 0], abs=0.1)
             assert twist[some].std(0).tolist() == pytest.approx(spread, rel=0.05)
 

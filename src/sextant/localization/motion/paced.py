@@ -10,8 +10,10 @@ from torch import Tensor
 from sextant.geometry.planar import se2_exp
 from sextant.localization.motion.model import MotionModel
 
-#: one particle in so many does not keep the pace, or in so many where there is none; it spreads so many times as far
-ONE_IN, ONE_IN_UNPACED, FURTHER = 4, 2, 4.0
+#: one particle in so many does not keep the pace, or in so many where there is none
+ONE_IN, ONE_IN_UNPACED = 4, 2
+#: it spreads along, and turns, by so many times the deviations of a motion that is unknown
+FURTHER = 4.0
 
 
 @dataclass(frozen=True)
@@ -19,11 +21,11 @@ class PacedMotion(MotionModel):
     r"""As ``measured`` where motion is known; where it is unknown, three in four particles keep a pace.
 
     .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + \epsilon\big), \quad\text{and in each fourth}\quad
-       x_t = x_{t-1} \circ \exp\big(\mathrm{diag}(4, 1, 1)\,\epsilon\big),
+       x_t = x_{t-1} \circ \exp\big(\mathrm{diag}(4, 1, 4)\,\epsilon\big),
 
     with v the pace and ε of the deviations of ``measured.if_unknown()``: robots mostly go on as they went, and the
-    others are there for one that stops, turns back or drives faster than any particle knew. As long as there is no
-    pace, v is 0 and half of the particles are such others.
+    others are there for one that turns a corner, stops, turns back or drives faster than any particle knew. As long as
+    there is no pace, v is 0 and half of the particles are such others.
 
     Args:
         measured: of motions that are known, and the deviations of those that are not.
@@ -52,8 +54,7 @@ class PacedMotion(MotionModel):
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
         """The first, fifth, ninth particle of each run does not keep the pace."""
         twist = noise * noise.new_tensor(self.if_unknown())
-        along = twist[..., 0]
-        one_in = ONE_IN_UNPACED if self.pace is None else ONE_IN
-        elsewhere = torch.arange(along.shape[1], device=along.device) % one_in == 0
-        along = torch.where(elsewhere, FURTHER * along, (self.pace or 0.0) + along)
-        return se2_exp(torch.cat([along[..., None], twist[..., 1:]], dim=-1))
+        number = torch.arange(noise.shape[1], device=noise.device)
+        elsewhere = (number % (ONE_IN_UNPACED if self.pace is None else ONE_IN) == 0)[:, None]
+        kept = twist + twist.new_tensor([self.pace or 0.0, 0.0, 0.0])
+        return se2_exp(torch.where(elsewhere, twist * twist.new_tensor([FURTHER, 1.0, FURTHER]), kept))
