@@ -35,6 +35,7 @@ from sextant.worlds import Rays, Town, condition, drive, irregular_streets, rand
 
 KEYS = {
     "seeds": "how many; 8 unless given",
+    "believed": "the truth, and beliefs whose names begin so; all unless given",
     "csv": "a file for the result of each seed",
     "read": "such a file of before; nothing is measured",
     "figure": "a picture of the result",
@@ -137,8 +138,8 @@ class World:
         return pictures(self.town, name, self.walked, self.wide, self.tilt, self.roll)
 
 
-def one_seed(seed: int, calibrator: PhotoCalibrator) -> list[dict]:
-    """All beliefs in one town."""
+def one_seed(seed: int, calibrator: PhotoCalibrator, believed: str = "") -> list[dict]:
+    """The truth and the beliefs whose names begin with ``believed``, in one town."""
     world = World.of(seed)
     mapped, walked, tilt, roll = world.mapped, world.walked, world.tilt, world.roll
     images = world.map_pictures()
@@ -148,6 +149,8 @@ def one_seed(seed: int, calibrator: PhotoCalibrator) -> list[dict]:
         seen = world.drive_pictures(name)
         drawn, found = camera(world.wide, tilt, roll), SharedCamera.of(calibrator.one_camera(seen[::3]))
         for belief, pair in beliefs(drawn, found, camera(world.narrow), map_found).items():
+            if belief != "truth" and not belief.startswith(believed):
+                continue
             if pair is None:
                 both = [np.stack([as_pixels(each, (ROWS, 80, 3)) for each in part]) for part in (seen, images)]
             else:
@@ -241,7 +244,7 @@ def main() -> None:
         calibrator = PhotoCalibrator.load()
         rows = []
         for seed in range(int(given.get("seeds", 8))):
-            rows += one_seed(seed, calibrator)
+            rows += one_seed(seed, calibrator, given.get("believed", ""))
             if "csv" in given:
                 write_csv(Path(given["csv"]), ["seed", "drive", "descriptor", "belief", "focal_error", *MEASURES], rows)
     if "figure" in given:

@@ -24,6 +24,8 @@ SWEEPS = {
     "cifar_60": "pushpull_cifar",
     "gp_approximation_support": "gp_approximation",
     "lenet_fresh": "pushpull_lenet_fresh",
+    "loss": "place_loss",
+    "mining": "place_mining",
     "nordland": "localization_nordland",
     "weather": "place_weather",
 }

@@ -167,7 +167,8 @@ def test_where_odometry_is_missing_nothing_is_foreseen(street, localizer):
     localizer.reset(0)
     told = [localizer.step(None, street.at(street.winter, 10 + k)) for k in range(20)]
     assert np.isnan(told[-1].foreseen)
-    assert not told[-1].lost
+    assert all(one.lost == (one.mass < 0.5) for one in told)  # the belief is all that says so
+    assert not all(one.lost for one in told[-10:])
 
 
 def test_without_odometry_it_learns_how_fast_it_goes(street, localizer):

@@ -172,14 +172,19 @@ def test_noise_that_is_none_is_refused(make, key):
         make()
 
 
-def test_where_motion_is_unknown_most_particles_keep_the_pace_and_the_others_spread():
+def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or_turn():
     measured = ExponentialMotion((0.05, 0.02, 0.01), unknown=(1.0, 0.1, 0.05))
     poses, unknown = torch.zeros(1, 40_000, 3, dtype=torch.float64), torch.full((1, 3), math.nan, dtype=torch.float64)
     for pace, one_in in ((5.0, 4), (None, 2)):
         twist = se2_log(PacedMotion(measured, pace).sample(poses, unknown, generator(1)))[0]
-        others = torch.arange(40_000) % one_in == 0
-        for some, mean, spread in ((others, 0.0, (4.0, 0.1, 0.2)), (~others, pace or 0.0, (1.0, 0.1, 0.05))):
-            assert twist[some].mean(0).tolist() == pytest.approx([mean, 0, 0], abs=0.1)
+        number = torch.arange(40_000)
+        further, turning = number % one_in == 0, number % 4 == 1
+        for some, along, spread in (
+            (further, 0.0, (4.0, 0.1, 0.05)),
+            (turning, pace or 0.0, (1.0, 0.1, 0.2)),
+            (~(further | turning), pace or 0.0, (1.0, 0.1, 0.05)),
+        ):
+            assert twist[some].mean(0).tolist() == pytest.approx([along, 0, 0], abs=0.1)
             assert twist[some].std(0).tolist() == pytest.approx(spread, rel=0.05)
 
 

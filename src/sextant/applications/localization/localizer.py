@@ -214,6 +214,7 @@ class Localizer:
         moved = self._odometry.applied(_motion(motion))
         self._way += self._steps_of_map(moved)
         follows = self._state is None or bool(moved.isfinite().all())
+        stands = not follows and seen is not None and self._changed(seen) < SAME
         new = 0.0 if seen is None else self._newness(seen)
         evidence = None if seen is None else self._evidence(seen, new, follows=follows)
         looked = torch.tensor([evidence is not None])
@@ -224,14 +225,14 @@ class Localizer:
             weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
             state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
         else:
-            paced = replace(self.filter, motion=self._motion)
+            paced = replace(self.filter, motion=self._paced(stands=stands))
             state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
         self._past = [*self._past[-self.lag :], (state.belief, moved, self._foresight)] if self.lag else []
         found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
         if self.adapts and self._before is not None:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
-            if evidence is not None:
+            if evidence is not None and not stands:
                 sure = self._before.mass * found.mass * (1 - found.off_map)
                 self._pace = self._pace.seen(before, after, sure)
             if min(self._before.mass, found.mass) >= MODE_MASS:
@@ -244,13 +245,13 @@ class Localizer:
         """What odometry is multiplied by, learned since the last reset; 1 for a localizer that does not adapt."""
         return self._odometry.factor
 
-    @property
-    def _motion(self) -> MotionModel:
-        """That of the filter; where nothing measures a motion, most particles keep the pace of the drive."""
+    def _paced(self, *, stands: bool = False) -> MotionModel:
+        """The motion of the filter; where nothing measures it, most particles keep the pace of the drive, or stand."""
         if not self.adapts:
             return self.filter.motion
         strayed = self._before is not None and self._before.off_map > 0.5
-        return PacedMotion(self.filter.motion, None if strayed else self._pace.along(self._spacing))
+        pace = None if strayed else self._pace.along(self._spacing)
+        return PacedMotion(self.filter.motion, 0.0 if stands else pace)
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
@@ -264,7 +265,7 @@ class Localizer:
         if not beliefs:
             return []
         draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
-        better = smoothed(beliefs, motions, self._motion, draws, progress=progress)
+        better = smoothed(beliefs, motions, self._paced(), draws, progress=progress)
         return [self._told(belief, foresight) for belief, (_, _, foresight) in zip(better, self._past, strict=True)]
 
     def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
@@ -363,10 +364,14 @@ class Localizer:
         Both are in steps from one image of the map to the next. A robot that stands sees its mistake again and again,
         and must not grow sure of it; one that is carried sees another place.
         """
-        if not math.isfinite(self._way):
-            return 1.0
+        return min(1.0, max(self._way, self._changed(seen)))
+
+    def _changed(self, seen: Tensor) -> float:
+        """By how much an image differs from the last that counted, in steps of the map; infinite if none did."""
+        if not len(self._counted):
+            return math.inf
         changed = float((seen - self._counted).double().square().sum())
-        return min(1.0, max(self._way, changed / self._apart if self._apart > 0 else 0.0))
+        return changed / self._apart if self._apart > 0 else 0.0
 
     @cached_property
     def _apart(self) -> float:

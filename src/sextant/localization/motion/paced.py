@@ -10,9 +10,9 @@ from torch import Tensor
 from sextant.geometry.planar import se2_exp
 from sextant.localization.motion.model import MotionModel
 
-#: one particle in so many does not keep the pace, or in so many where there is none
-ONE_IN, ONE_IN_UNPACED = 4, 2
-#: it spreads along, and turns, by so many times the deviations of a motion that is unknown
+#: one particle in so many spreads further along, or in so many where there is no pace, and one in so many turns wider
+FURTHER_ONE_IN, UNPACED_ONE_IN, TURNING_ONE_IN = 4, 2, 4
+#: by so many times the deviations of a motion that is unknown
 FURTHER = 4.0
 
 
@@ -20,12 +20,12 @@ FURTHER = 4.0
 class PacedMotion(MotionModel):
     r"""As ``measured`` where motion is known; where it is unknown, three in four particles keep a pace.
 
-    .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + \epsilon\big), \quad\text{and in each fourth}\quad
-       x_t = x_{t-1} \circ \exp\big(\mathrm{diag}(4, 1, 4)\,\epsilon\big),
+    .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + D\,\epsilon\big),
 
-    with v the pace and ε of the deviations of ``measured.if_unknown()``: robots mostly go on as they went, and the
-    others are there for one that turns a corner, stops, turns back or drives faster than any particle knew. As long as
-    there is no pace, v is 0 and half of the particles are such others.
+    with v the pace and ε of the deviations of ``measured.if_unknown()``. Robots mostly go on as they went: D = 1. One
+    particle in four has D = diag(1, 1, 4), for a robot that turns a corner; another has v = 0 and D = diag(4, 1, 1),
+    for one that stops, turns back or drives faster than any particle knew. As long as there is no pace, v = 0, and half
+    of the particles are as that last one.
 
     Args:
         measured: of motions that are known, and the deviations of those that are not.
@@ -52,9 +52,11 @@ class PacedMotion(MotionModel):
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """The first, fifth, ninth particle of each run does not keep the pace."""
+        """The first of every four particles spreads further, the second turns wider."""
         twist = noise * noise.new_tensor(self.if_unknown())
-        number = torch.arange(noise.shape[1], device=noise.device)
-        elsewhere = (number % (ONE_IN_UNPACED if self.pace is None else ONE_IN) == 0)[:, None]
+        number = torch.arange(noise.shape[1], device=noise.device)[:, None]
+        further = number % (UNPACED_ONE_IN if self.pace is None else FURTHER_ONE_IN) == 0
+        turning = number % TURNING_ONE_IN == 1
+        twist = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
         kept = twist + twist.new_tensor([self.pace or 0.0, 0.0, 0.0])
-        return se2_exp(torch.where(elsewhere, twist * twist.new_tensor([FURTHER, 1.0, FURTHER]), kept))
+        return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), kept))
