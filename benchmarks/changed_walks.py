@@ -175,6 +175,8 @@ def main() -> None:
     """Measure all walks."""
     chosen = parse_arguments(sys.argv[1:], KEYS, "python -m benchmarks.changed_walks seeds=8")
     seeds, rows = int(chosen.get("seeds", 8)), int(chosen["rows"]) if "rows" in chosen else None
+    if (odometry := chosen.get("odometry", "")) not in ("", "true", "none"):
+        sys.exit(f"odometry={odometry} must be true or none")
     data, table = Path(os.environ["SEXTANT_DATA"]), Table("walk", "localizer", *COLUMNS)
     for walk, (map_folder, query_folder, first, last) in WALKS.items():
         if not walk.startswith(chosen.get("walks", "")):
@@ -184,16 +186,16 @@ def main() -> None:
         poses = np.zeros((len(images), 3))
         poses[:, 0] = places
         described: dict[int, tuple[KeptDescriptor, list[ndarray]]] = {}  # variants share a descriptor
-        alone = {"true": worse_odometry, "none": without_odometry}.get(chosen.get("odometry", ""))
+        alone = {"true": worse_odometry, "none": without_odometry}.get(odometry)
         made = alone or (variants if rows is None else descriptors)
-        for name, localizer, *odometry in made(images, poses):
+        for name, localizer, *driven in made(images, poses):
             key = id(localizer.descriptor)
             if key not in described:
                 described[key] = localizer.descriptor, [localizer.describe(image) for image in seen]
                 if made is without_odometry:
                     print(walk, f"nearest image {nearest(localizer, described[key][1], places, at):.0f}", flush=True)
             shown, where = (described[key][1], at) if name != "elsewhere" else elsewhere(localizer, data, walk)
-            found = np.stack([drive(localizer, shown, where, seed, *odometry) for seed in range(seeds)])
+            found = np.stack([drive(localizer, shown, where, seed, *driven) for seed in range(seeds)])
             low, high = share_interval(found[:, 0] / 100, trials=seeds)
             mean = found.mean(0)
             first_column = f"{mean[0]:.0f} [{100 * low:.0f}, {100 * high:.0f}]"

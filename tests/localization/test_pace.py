@@ -23,6 +23,13 @@ def test_it_is_the_way_along_the_heading_once_there_are_enough():
     assert driven([-2.0] * ENOUGH).along(1.0) == pytest.approx(-2.0)  # backwards
 
 
+def test_a_way_of_several_steps_is_shared_out():
+    pace, there = Pace(), HERE + torch.tensor([6 * np.cos(0.7), 6 * np.sin(0.7), 0.0], dtype=torch.float64)
+    for _ in range(ENOUGH):
+        pace = pace.seen(HERE, there, 1.0, steps=3)
+    assert pace.along(1.0) == pytest.approx(2.0)
+
+
 def test_ways_that_lead_anywhere_are_no_pace_and_where_few_do_it_stays():
     anywhere = np.random.default_rng(0).uniform(-100, 100, 30)
     assert driven(anywhere).along(1.0) is None

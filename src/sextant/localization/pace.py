@@ -3,9 +3,9 @@ r"""How far a robot moves from image to image, learned where nothing measures it
 Where there is no odometry, all that is known of the next motion is how the robot has moved so far. Its pace is the
 median of the ways, along its heading, between its last estimates, each weighted by how sure both were and by how much
 of the belief was on the map. So a camera that passes five images of the map from one of its own to the next is followed
-like one that passes one, and a pace outlasts a tunnel in which every place looks alike. Ways of a filter that is lost
-lead anywhere: as long as half of them differ by more than the map's spacing and the pace itself account for, there is
-no pace.
+like one that passes one, and a pace outlasts images that tell little. Ways of a filter that is lost lead anywhere:
+there is no pace as long as their interquartile range exceeds four spacings of the map and the pace itself. It is the
+model of constant velocity, with a velocity per step that is estimated from displacements.
 
 Chosen on walks of Gardens Point, the railway of Nordland, a tower and towns: docs/localization.md, "Without odometry".
 """
@@ -24,7 +24,7 @@ from sextant.geometry.planar import se2_between
 REMEMBERED = 10.0
 #: ways at most
 MOST = 100
-#: spacings of the map, besides the pace itself, between the quartiles of ways that agree, at most
+#: the largest interquartile range of ways that agree, in spacings of the map, beyond the pace itself
 AGREE = 4.0
 #: ways before anything is said
 ENOUGH = 5
@@ -60,14 +60,15 @@ class Pace:
         first, middle, last = ways[np.searchsorted(np.cumsum(weights), weights.sum() * np.array([0.25, 0.5, 0.75]))]
         return float(middle) if last - first <= AGREE * spacing + abs(middle) else None
 
-    def seen(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float) -> Self:
+    def seen(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float, steps: int = 1) -> Self:
         """With the way between two estimated poses.
 
         Args:
             before, after: the poses.
-            weight: how sure they are, in (0, 1].
+            weight: how sure they are, in [0, 1].
+            steps: from one to the other.
         """
-        way = float(se2_between(before, after)[0])
+        way = float(se2_between(before, after)[0]) / steps
         if not (math.isfinite(way) and weight > 0):
             return self
         ways, total = [(way, weight)], weight

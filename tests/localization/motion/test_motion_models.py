@@ -178,7 +178,7 @@ def test_where_motion_is_unknown_most_particles_keep_the_pace_and_some_spread_or
     for pace, one_in in ((5.0, 4), (None, 2)):
         twist = se2_log(PacedMotion(measured, pace).sample(poses, unknown, generator(1)))[0]
         number = torch.arange(40_000)
-        further, turning = number % one_in == 0, number % 4 == 1
+        further, turning = number % one_in == one_in - 1, number % 4 == 2
         for some, along, spread in (
             (further, 0.0, (4.0, 0.1, 0.05)),
             (turning, pace or 0.0, (1.0, 0.1, 0.2)),

@@ -189,6 +189,8 @@ class Localizer:
         self._odometry = OdometryScale()
         self._pace = Pace()
         self._before: LocalizedPose | None = None
+        self._sighted: LocalizedPose | None = None  # with the last image, and the steps since
+        self._steps = 0
 
     @torch.no_grad()
     def step(
@@ -214,7 +216,6 @@ class Localizer:
         moved = self._odometry.applied(_motion(motion))
         self._way += self._steps_of_map(moved)
         follows = self._state is None or bool(moved.isfinite().all())
-        stands = not follows and seen is not None and self._changed(seen) < SAME
         new = 0.0 if seen is None else self._newness(seen)
         evidence = None if seen is None else self._evidence(seen, new, follows=follows)
         looked = torch.tensor([evidence is not None])
@@ -225,33 +226,39 @@ class Localizer:
             weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
             state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
         else:
-            paced = replace(self.filter, motion=self._paced(stands=stands))
+            paced = replace(self.filter, motion=self._paced())
             state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
         self._past = [*self._past[-self.lag :], (state.belief, moved, self._foresight)] if self.lag else []
         found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
-        if self.adapts and self._before is not None:
+        if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
-            if evidence is not None and not stands:
-                sure = self._before.mass * found.mass * (1 - found.off_map)
-                self._pace = self._pace.seen(before, after, sure)
-            if min(self._before.mass, found.mass) >= MODE_MASS:
-                self._odometry = self._odometry.seen(moved, before, after, self._spacing)
-        self._before = found
+            self._odometry = self._odometry.seen(moved, before, after, self._spacing)
+        self._before, self._steps = found, self._steps + 1
+        if evidence is not None and not found.degenerate:
+            self._pace = self._paced_on(found)
+            self._sighted, self._steps = found, 0
         return found
+
+    def _paced_on(self, found: LocalizedPose) -> Pace:
+        """With the way since the last image; what was believed without one says nothing but what was expected."""
+        if self._sighted is None:
+            return self._pace
+        before, after = torch.from_numpy(self._sighted.pose), torch.from_numpy(found.pose)
+        sure = self._sighted.mass * found.mass * (1 - found.off_map)
+        return self._pace.seen(before, after, sure, self._steps)
 
     @property
     def odometry_scale(self) -> float:
         """What odometry is multiplied by, learned since the last reset; 1 for a localizer that does not adapt."""
         return self._odometry.factor
 
-    def _paced(self, *, stands: bool = False) -> MotionModel:
-        """The motion of the filter; where nothing measures it, most particles keep the pace of the drive, or stand."""
+    def _paced(self) -> MotionModel:
+        """The motion of the filter; where nothing measures it, most particles keep the pace of the drive."""
         if not self.adapts:
             return self.filter.motion
-        strayed = self._before is not None and self._before.off_map > 0.5
-        pace = None if strayed else self._pace.along(self._spacing)
-        return PacedMotion(self.filter.motion, 0.0 if stands else pace)
+        strayed = self._before is not None and self._before.off_map > 0.5  # it would only go further
+        return PacedMotion(self.filter.motion, None if strayed else self._pace.along(self._spacing))
 
     def past(self, progress: Advance = lambda done, total: None) -> list[LocalizedPose]:
         """Where the robot was in the last ``lag`` steps and is now, by all that it has seen since; the oldest first.
@@ -364,14 +371,10 @@ class Localizer:
         Both are in steps from one image of the map to the next. A robot that stands sees its mistake again and again,
         and must not grow sure of it; one that is carried sees another place.
         """
-        return min(1.0, max(self._way, self._changed(seen)))
-
-    def _changed(self, seen: Tensor) -> float:
-        """By how much an image differs from the last that counted, in steps of the map; infinite if none did."""
-        if not len(self._counted):
-            return math.inf
+        if not math.isfinite(self._way):
+            return 1.0
         changed = float((seen - self._counted).double().square().sum())
-        return changed / self._apart if self._apart > 0 else 0.0
+        return min(1.0, max(self._way, changed / self._apart if self._apart > 0 else 0.0))
 
     @cached_property
     def _apart(self) -> float:

@@ -15,7 +15,7 @@ from sextant.data.localization.odometry_file import motions_of, read_odometry
 from sextant.data.localization.rosbag import Bag, is_rosbag, open_rosbag
 from sextant.errors import ArgumentError
 
-NO_ODOMETRY = "no odometry= was given: between images the particles spread as where odometry is lost"
+NO_ODOMETRY = "no odometry= was given: nothing measures the motion between images"
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,10 +22,10 @@ class PacedMotion(MotionModel):
 
     .. math:: x_t = x_{t-1} \circ \exp\big((v, 0, 0) + D\,\epsilon\big),
 
-    with v the pace and ε of the deviations of ``measured.if_unknown()``. Robots mostly go on as they went: D = 1. One
+    with v the pace and ε of the deviations of ``measured.if_unknown()``. Robots mostly go on as they went: D = I. One
     particle in four has D = diag(1, 1, 4), for a robot that turns a corner; another has v = 0 and D = diag(4, 1, 1),
     for one that stops, turns back or drives faster than any particle knew. As long as there is no pace, v = 0, and half
-    of the particles are as that last one.
+    of the particles are as that last one. A particle keeps its part until it is resampled.
 
     Args:
         measured: of motions that are known, and the deviations of those that are not.
@@ -37,7 +37,7 @@ class PacedMotion(MotionModel):
         >>> model = PacedMotion(ExponentialMotion((0.1, 0.0, 0.0), unknown=(0.0, 0.0, 0.0)), pace=2.0)
         >>> unknown = torch.full((1, 3), torch.nan).double()
         >>> model.sample(torch.zeros(1, 4, 3).double(), unknown, torch.Generator())[0, :, 0].tolist()
-        [0.0, 2.0, 2.0, 2.0]
+        [2.0, 2.0, 2.0, 0.0]
     """
 
     measured: MotionModel
@@ -52,11 +52,11 @@ class PacedMotion(MotionModel):
         return self.measured.increments(motion, noise)
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
-        """The first of every four particles spreads further, the second turns wider."""
+        """Of every four particles the last spreads further, the third turns wider."""
         twist = noise * noise.new_tensor(self.if_unknown())
         number = torch.arange(noise.shape[1], device=noise.device)[:, None]
-        further = number % (UNPACED_ONE_IN if self.pace is None else FURTHER_ONE_IN) == 0
-        turning = number % TURNING_ONE_IN == 1
+        one_in = UNPACED_ONE_IN if self.pace is None else FURTHER_ONE_IN
+        further, turning = number % one_in == one_in - 1, number % TURNING_ONE_IN == 2
         twist = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
         kept = twist + twist.new_tensor([self.pace or 0.0, 0.0, 0.0])
         return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), kept))
