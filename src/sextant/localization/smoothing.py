@@ -33,7 +33,7 @@ CHUNK = 256
 def smoothed(
     beliefs: Sequence[Belief],
     motions: Sequence[Float64[Tensor, "r 3"]],
-    model: MotionModel,
+    model: MotionModel | Sequence[MotionModel],
     generator: torch.Generator,
     *,
     progress: Advance = lambda done, total: None,
@@ -43,7 +43,7 @@ def smoothed(
     Args:
         beliefs: after each step of the filter, of r runs.
         motions: between them, in the robot's frame, nan where unknown; one fewer than there are beliefs.
-        model: of these motions.
+        model: of these motions, or of each.
         generator: of random numbers.
         progress: called with the number of beliefs that are smoothed, and of all.
 
@@ -51,7 +51,7 @@ def smoothed(
         The same particles with other weights; the last belief is as it was.
 
     Raises:
-        ValueError: there are not as many motions as there should be.
+        ValueError: there are not as many motions or models as there should be.
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion
@@ -63,9 +63,10 @@ def smoothed(
     """
     if len(motions) != len(beliefs) - 1:
         raise ValueError(f"{len(motions)} motions between {len(beliefs)} beliefs")
+    models = [model] * len(motions) if isinstance(model, MotionModel) else list(model)
     found = [beliefs[-1]]
-    for belief, motion in zip(reversed(beliefs[:-1]), reversed(motions), strict=True):
-        increments = model.sample(belief.poses.new_zeros(len(motion), DRAWS, 3), motion, generator)
+    for belief, motion, moves in zip(reversed(beliefs[:-1]), reversed(motions), reversed(models), strict=True):
+        increments = moves.sample(belief.poses.new_zeros(len(motion), DRAWS, 3), motion, generator)
         later = found[-1]
         rows = [
             _reweighed(belief.poses[run], belief.log_weights[run], later.poses[run], later.log_weights[run], drawn)

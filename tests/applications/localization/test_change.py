@@ -184,6 +184,22 @@ def test_without_odometry_it_learns_how_fast_it_goes(street, localizer):
     assert np.mean(near) > 0.85
 
 
+@pytest.mark.slow
+def test_what_came_later_mends_a_drive_without_odometry(street, localizer):
+    localizer.lag = 32
+    try:
+        before, after = [], []
+        for seed in range(3):
+            localizer.reset(seed)
+            told = [localizer.step(None, street.at(street.winter, 4 + 2 * k)) for k in range(32)]
+            for found, into in ((told, before), (localizer.past(), after)):
+                into += [abs(one.pose[0] / street.step - (4 + 2 * k)) for k, one in enumerate(found)]
+    finally:
+        localizer.lag = 0
+        localizer.reset()
+    assert np.mean(after) < min(1, np.mean(before))
+
+
 def test_the_pace_is_that_of_steps_where_images_are_rarer_and_only_of_localizers_that_adapt(street, localizer):
     localizer.reset(0)
     for k in range(40):

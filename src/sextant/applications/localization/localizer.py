@@ -181,7 +181,7 @@ class Localizer:
         _check_whole("seed", self.seed, 0, "For example seed=1")
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
-        self._past: list[tuple[Belief, Tensor, Foresight]] = []
+        self._past: list[tuple[Belief, Tensor, MotionModel, Foresight]] = []
         self._change = AppearanceChange.none(self.model.map.dimension)
         self._counted, self._way = torch.empty(0), math.inf  # the last image that told something, and the way since
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
@@ -221,15 +221,19 @@ class Localizer:
         looked = torch.tensor([evidence is not None])
         if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
             self._foresight = self._compared(self._state.belief, moved, evidence, new)
+        motion_model = self._paced()
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
             weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
             state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
         else:
-            paced = replace(self.filter, motion=self._paced())
-            state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
+            state, told = replace(self.filter, motion=motion_model).step(
+                self._state, moved[None], evidence, looked, self._generator
+            )
         self._state = state
-        self._past = [*self._past[-self.lag :], (state.belief, moved, self._foresight)] if self.lag else []
+        self._past = (
+            [*self._past[-self.lag :], (state.belief, moved, motion_model, self._foresight)] if self.lag else []
+        )
         found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
         if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
@@ -268,12 +272,13 @@ class Localizer:
         Args:
             progress: called with the number of steps that are smoothed, and of all.
         """
-        beliefs, motions = [belief for belief, _, _ in self._past], [motion[None] for _, motion, _ in self._past[1:]]
+        beliefs, motions = [each[0] for each in self._past], [each[1][None] for each in self._past[1:]]
         if not beliefs:
             return []
+        models = [each[2] for each in self._past[1:]]
         draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
-        better = smoothed(beliefs, motions, self._paced(), draws, progress=progress)
-        return [self._told(belief, foresight) for belief, (_, _, foresight) in zip(better, self._past, strict=True)]
+        better = smoothed(beliefs, motions, models, draws, progress=progress)
+        return [self._told(belief, each[-1]) for belief, each in zip(better, self._past, strict=True)]
 
     def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
         """With how well the belief before an image had foreseen it."""

@@ -54,9 +54,9 @@ class PacedMotion(MotionModel):
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
         """Of every four particles the last spreads further, the third turns wider."""
         twist = noise * noise.new_tensor(self.if_unknown())
+        kept = twist.new_tensor([self.pace or 0.0, 0.0, 0.0])
         number = torch.arange(noise.shape[1], device=noise.device)[:, None]
         one_in = UNPACED_ONE_IN if self.pace is None else FURTHER_ONE_IN
         further, turning = number % one_in == one_in - 1, number % TURNING_ONE_IN == 2
-        twist = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
-        kept = twist + twist.new_tensor([self.pace or 0.0, 0.0, 0.0])
-        return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), kept))
+        turned = torch.where(turning, twist * twist.new_tensor([1.0, 1.0, FURTHER]), twist)
+        return se2_exp(torch.where(further, twist * twist.new_tensor([FURTHER, 1.0, 1.0]), turned + kept))
