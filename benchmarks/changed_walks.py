@@ -5,7 +5,8 @@ With ``odometry=none`` the default alone without odometry, beside the nearest im
 With ``odometry=true`` the default alone: where odometry errs alike in each step, where there is none, while it stands
 still for the last forty steps, where odometry is broken, and on a drive through another world, where every frame that
 is not *lost* counts as *sure and wrong*.
-IE Tower's walks lead through clips of its floors, one after the other; every fifth frame is not in the map.
+IE Tower's walks lead through clips of its floors, one after the other; every fifth frame is not in the map. ESSEX3IN1
+is no walk, but pairs of photos of places, taken here as if one followed the other.
 """
 
 import csv
@@ -50,9 +51,13 @@ WALKS = {
     "Nordland, winter, 2000 to 2299": ("nordland/summer", "nordland/winter", 2000, 2300),
     "IE Tower, frames 0 to 999": ("ie_tower", "ie_tower", 0, 1000),
     "IE Tower, frames 1000 to 1999": ("ie_tower", "ie_tower", 1000, 2000),
+    "ESSEX3IN1": ("essex3in1/reference", "essex3in1/query", 0, 210),
 }
 #: where none of their maps was made
-ELSEWHERE = {"Gardens Point": "nordland/winter", "Nordland": "gardens_point/night_right", "IE Tower": "nordland/winter"}
+ELSEWHERE = {
+    "Gardens Point": "nordland/winter", "Nordland": "gardens_point/night_right", "IE Tower": "nordland/winter",
+    "ESSEX3IN1": "nordland/winter",
+}  # fmt: skip
 COLUMNS = (
     "within 2 images, %", "aside, m", "in 95 % regions, %", "lost, %", "off the map, %", "sure and wrong, %",
     "lost though right, %",
@@ -62,7 +67,7 @@ COLUMNS = (
 def photos(folder: Path, split: str, first: int, last: int, rows: int | None) -> tuple[ndarray, ndarray]:
     """Images in the order of their names or of ``labels.csv``, of which ``split`` is taken, and their places, m.
 
-    They are shrunk to so many ``rows``.
+    They are shrunk to so many ``rows``, and have the size of the first of them.
     """
     paths = sorted(folder.iterdir())
     at = np.arange(len(paths))
@@ -76,7 +81,8 @@ def photos(folder: Path, split: str, first: int, last: int, rows: int | None) ->
         opened = (
             image.resize((round(image.width * rows / image.height), rows), Image.Resampling.BOX) for image in opened
         )
-    return np.stack([np.asarray(image) for image in opened]), at[kept] - first
+    images = list(opened)
+    return np.stack([np.asarray(image.resize(images[0].size)) for image in images]), at[kept] - first
 
 
 def descriptors(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer]]:
@@ -128,7 +134,7 @@ def worse_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Local
 
 
 def without_odometry(images: ndarray, poses: ndarray) -> Iterator[tuple[str, Localizer, float | None, int]]:
-    """The default, that nobody tells how the robot moves."""
+    """The default, told nothing of how the robot moves."""
     yield "no odometry", Localizer.from_images(images, poses), None, 0
 
 

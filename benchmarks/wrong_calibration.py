@@ -148,7 +148,10 @@ def one_seed(seed: int, calibrator: PhotoCalibrator, believed: str = "") -> list
     for name in DRIVES:
         seen = world.drive_pictures(name)
         drawn, found = camera(world.wide, tilt, roll), SharedCamera.of(calibrator.one_camera(seen[::3]))
-        for belief, pair in beliefs(drawn, found, camera(world.narrow), map_found).items():
+        all_of_them = beliefs(drawn, found, camera(world.narrow), map_found)
+        if not any(belief.startswith(believed) for belief in all_of_them):
+            sys.exit(f"believed={believed} must begin the name of a belief: {', '.join(all_of_them)}")
+        for belief, pair in all_of_them.items():
             if belief != "truth" and not belief.startswith(believed):
                 continue
             if pair is None:

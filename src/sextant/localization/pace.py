@@ -56,8 +56,8 @@ class Pace:
         """
         if len(self.ways) < ENOUGH:
             return None
-        ways, weights = np.array(sorted(self.ways)).T
-        first, middle, last = ways[np.searchsorted(np.cumsum(weights), weights.sum() * np.array([0.25, 0.5, 0.75]))]
+        ways, weights = np.array(self.ways).T
+        first, middle, last = np.quantile(ways, [0.25, 0.5, 0.75], weights=weights, method="inverted_cdf")
         return float(middle) if last - first <= AGREE * spacing + abs(middle) else None
 
     def seen(self, before: Float64[Tensor, "3"], after: Float64[Tensor, "3"], weight: float, steps: int = 1) -> Self:

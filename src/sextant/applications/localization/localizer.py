@@ -203,8 +203,8 @@ class Localizer:
 
         Args:
             motion: dx, dy in the unit of the map and dtheta in rad since the step before, in the robot's frame then.
-                None if it is unknown: particles then go on as the drive did, or spread as the motion model says. Of the
-                first step it is ignored.
+                None if it is unknown: particles then go on as the drive did if the localizer adapts, or spread as the
+                motion model says. Of the first step it is ignored.
             image: a file, bytes or a picture, stretched to the size of the map's images; None if nothing is seen.
             descriptor: of the image, in its place: as the map's were, before whitening.
 
@@ -221,31 +221,28 @@ class Localizer:
         looked = torch.tensor([evidence is not None])
         if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
             self._foresight = self._compared(self._state.belief, moved, evidence, new)
-        motion_model = self._paced()
+        moves = self._paced()
         if self._state is None:
             state = self.filter.start(self._start, 1, self.particles, self._generator, evidence, looked)
             weighed = self._start.uses_evidence and evidence is not None  # then the first image is in the belief
             state, told = self.filter.step(state, None, None if weighed else evidence, looked, self._generator)
         else:
-            state, told = replace(self.filter, motion=motion_model).step(
-                self._state, moved[None], evidence, looked, self._generator
-            )
+            paced = replace(self.filter, motion=moves)
+            state, told = paced.step(self._state, moved[None], evidence, looked, self._generator)
         self._state = state
-        self._past = (
-            [*self._past[-self.lag :], (state.belief, moved, motion_model, self._foresight)] if self.lag else []
-        )
+        self._past = [*self._past[-self.lag :], (state.belief, moved, moves, self._foresight)] if self.lag else []
         found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
         if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
             self._odometry = self._odometry.seen(moved, before, after, self._spacing)
         self._before, self._steps = found, self._steps + 1
         if evidence is not None and not found.degenerate:
-            self._pace = self._paced_on(found)
+            self._pace = self._pace_with(found)
             self._sighted, self._steps = found, 0
         return found
 
-    def _paced_on(self, found: LocalizedPose) -> Pace:
-        """With the way since the last image; what was believed without one says nothing but what was expected."""
+    def _pace_with(self, found: LocalizedPose) -> Pace:
+        """The pace, with the way since the last image: between images a belief moves as it is expected to."""
         if self._sighted is None:
             return self._pace
         before, after = torch.from_numpy(self._sighted.pose), torch.from_numpy(found.pose)
@@ -272,13 +269,13 @@ class Localizer:
         Args:
             progress: called with the number of steps that are smoothed, and of all.
         """
-        beliefs, motions = [each[0] for each in self._past], [each[1][None] for each in self._past[1:]]
-        if not beliefs:
+        if not self._past:
             return []
-        models = [each[2] for each in self._past[1:]]
+        beliefs, motions, models, foresights = zip(*self._past, strict=True)
         draws = torch.Generator().manual_seed(self.seed)  # of its own: asking changes nothing of the steps to come
-        better = smoothed(beliefs, motions, models, draws, progress=progress)
-        return [self._told(belief, each[-1]) for belief, each in zip(better, self._past, strict=True)]
+        ways = [motion[None] for motion in motions[1:]]
+        better = smoothed(beliefs, ways, models[1:], draws, progress=progress)
+        return [self._told(belief, foresight) for belief, foresight in zip(better, foresights, strict=True)]
 
     def _compared(self, belief: Belief, moved: Tensor, evidence: Evidence, new: float) -> Foresight:
         """With how well the belief before an image had foreseen it."""
@@ -347,8 +344,8 @@ class Localizer:
     def _evidence(self, seen: Tensor, new: float, *, follows: bool) -> Evidence | None:
         """What an image tells, which is so new; None for the last one again.
 
-        ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown,
-        they spread so far between images that what the last ones told is forgotten by itself.
+        ``follows``: particles follow odometry, so that errors of consecutive images add up. Where motion is unknown
+        they spread far between images, and evidence that counts less would not bring them together again.
         """
         if new >= SAME:
             self._counted, self._way = seen, 0.0

@@ -25,7 +25,8 @@ class PacedMotion(MotionModel):
     with v the pace and ε of the deviations of ``measured.if_unknown()``. Robots mostly go on as they went: D = I. One
     particle in four has D = diag(1, 1, 4), for a robot that turns a corner; another has v = 0 and D = diag(4, 1, 1),
     for one that stops, turns back or drives faster than any particle knew. As long as there is no pace, v = 0, and half
-    of the particles are as that last one. A particle keeps its part until it is resampled.
+    of the particles are as that last one. A particle keeps its part until it is resampled. What does not err along does
+    not move of itself either.
 
     Args:
         measured: of motions that are known, and the deviations of those that are not.
@@ -34,9 +35,9 @@ class PacedMotion(MotionModel):
 
     Example:
         >>> from sextant.localization.motion import ExponentialMotion
-        >>> model = PacedMotion(ExponentialMotion((0.1, 0.0, 0.0), unknown=(0.0, 0.0, 0.0)), pace=2.0)
+        >>> model = PacedMotion(ExponentialMotion((0.1, 0.0, 0.0), unknown=(1e-9, 0.0, 0.0)), pace=2.0)
         >>> unknown = torch.full((1, 3), torch.nan).double()
-        >>> model.sample(torch.zeros(1, 4, 3).double(), unknown, torch.Generator())[0, :, 0].tolist()
+        >>> model.sample(torch.zeros(1, 4, 3).double(), unknown, torch.Generator())[0, :, 0].round().abs().tolist()
         [2.0, 2.0, 2.0, 0.0]
     """
 
@@ -53,8 +54,9 @@ class PacedMotion(MotionModel):
 
     def unmeasured(self, noise: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p 3"]:
         """Of every four particles the last spreads further, the third turns wider."""
-        twist = noise * noise.new_tensor(self.if_unknown())
-        kept = twist.new_tensor([self.pace or 0.0, 0.0, 0.0])
+        deviations = noise.new_tensor(self.if_unknown())
+        twist = noise * deviations
+        kept = twist.new_tensor([(self.pace or 0.0) if deviations[0] > 0 else 0.0, 0.0, 0.0])
         number = torch.arange(noise.shape[1], device=noise.device)[:, None]
         one_in = UNPACED_ONE_IN if self.pace is None else FURTHER_ONE_IN
         further, turning = number % one_in == one_in - 1, number % TURNING_ONE_IN == 2
