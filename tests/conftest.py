@@ -60,8 +60,8 @@ def pytest_runtest_call(item):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def cache_of_weights(tmp_path_factory):
-    """Converted weights are kept here, not in the folder of whoever runs the tests."""
+def cache_of_the_tests(tmp_path_factory):
+    """Converted weights and MLflow's empty tables are kept here, not in the folder of whoever runs the tests."""
     os.environ["SEXTANT_CACHE"] = str(tmp_path_factory.mktemp("cache"))
 
 
@@ -71,25 +71,6 @@ def composed_once():
     from sextant.composing.compose import composing_many
 
     with composing_many():
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def database_made_once():
-    """MLflow makes its tables once for all tests of a process, which takes it seconds; other stores start as copies."""
-    from sextant.tracking import store
-
-    make, kept = store._make_tables, []
-
-    def make_or_copy(database):
-        if not kept:
-            make(database)
-            kept.append(database.read_bytes())
-        else:
-            database.write_bytes(kept[0])
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store, "_make_tables", make_or_copy)
         yield
 
 

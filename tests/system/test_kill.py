@@ -20,6 +20,11 @@ from sextant.tracking.store import open_store
 
 ROOT = Path(__file__).parents[2]
 KILLS = 10
+#: what a child needs, so that it begins to train at once
+PRELOADED = [
+    *("sextant.lifecycle.training", "sextant.recipes.classification", "sextant.tracking.mirror"),
+    *("mlflow.store.tracking.sqlalchemy_store", "matplotlib.pyplot", "pygments"),
+]
 HAS_BEGUN_A_RUN = 200e6  # bytes: it has imported torch. A worker without a task yet is joblib's and idles on.
 
 
@@ -45,7 +50,7 @@ def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
     raw = quick_config(tmp_path / "killed", *overrides)
     expected = RunDirectory(execute(quick_config(tmp_path / "whole", *overrides)).directory).results()
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["sextant.lifecycle.training", "sextant.tracking.mirror", "mlflow"])
+    context.set_forkserver_preload(PRELOADED)
     rng = random.Random(0)
     for number in range(KILLS):
         process = context.Process(target=child, args=(raw,))

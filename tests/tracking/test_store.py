@@ -36,8 +36,15 @@ def race(outputs, count):
     sys.exit(any(worker.exitcode for worker in workers))
 
 
+@pytest.fixture
+def empty_cache(tmp_path, monkeypatch):
+    """No tables are kept from before."""
+    monkeypatch.setenv("SEXTANT_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
 @pytest.mark.slow
-def test_eight_processes_make_and_write_one_store(tmp_path):
+def test_eight_processes_make_and_write_one_store(tmp_path, empty_cache):
     starter = multiprocessing.get_context("spawn").Process(target=race, args=(tmp_path, 8))
     starter.start()
     starter.join()
@@ -81,7 +88,7 @@ def make_store_and_die(outputs):
 
 
 @pytest.mark.slow
-def test_a_process_killed_while_it_makes_the_database_leaves_no_half(tmp_path):
+def test_a_process_killed_while_it_makes_the_database_leaves_no_half(tmp_path, empty_cache):
     maker = multiprocessing.get_context("spawn").Process(target=make_store_and_die, args=(tmp_path,))
     maker.start()
     maker.join()
@@ -89,6 +96,38 @@ def test_a_process_killed_while_it_makes_the_database_leaves_no_half(tmp_path):
     store = open_store("sqlite", None, tmp_path)
     assert store.client.create_run(store.experiment_id("e")).info.status == "RUNNING"
     assert not list(tmp_path.glob(".mlflow.db.*"))
+
+
+def tables(outputs):
+    with sqlite3.connect(outputs / "mlflow.db") as connection:
+        return connection.execute("SELECT type, name FROM sqlite_master ORDER BY name").fetchall()
+
+
+@pytest.mark.slow
+def test_tables_are_made_once_and_then_copied(tmp_path, empty_cache, monkeypatch):
+    from mlflow.store.db import utils
+
+    open_store("sqlite", None, tmp_path / "first")
+    (kept,) = empty_cache.iterdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(utils, "_initialize_tables", lambda engine: pytest.fail("made again"))
+        store = open_store("sqlite", None, tmp_path / "second")
+    assert store.client.create_run(store.experiment_id("e")).info.status == "RUNNING"
+    assert tables(tmp_path / "second") == tables(tmp_path / "first")
+    whole = kept.read_bytes()
+    for damaged in (whole[: len(whole) // 2], b"", b"no database"):
+        kept.write_bytes(damaged)
+        folder = tmp_path / f"after {len(damaged)} bytes"
+        open_store("sqlite", None, folder)
+        assert tables(folder) == tables(tmp_path / "first")
+        assert len(kept.read_bytes()) == len(whole)
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("not a folder")
+    monkeypatch.setenv("SEXTANT_CACHE", str(tmp_path / "file"))
+    store = open_store("sqlite", None, tmp_path / "outputs")
+    assert store.client.create_run(store.experiment_id("e")).info.status == "RUNNING"
 
 
 def test_a_damaged_database_is_named(tmp_path):

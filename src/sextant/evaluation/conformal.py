@@ -148,12 +148,3 @@ def coverage_curve(
     return CoverageCurve(
         np.array(levels), np.stack(rows), np.stack(lows), np.stack(highs), multipliers.double().cpu().numpy()
     )
-
-
-def half_widths(scale: Float[Tensor, "b *k"], quantile: Float[Tensor, "*k"]) -> Float[Tensor, "b *k"]:
-    """Half the length of each image's intervals, ``q σ``, in the unit of the expected errors.
-
-    >>> half_widths(torch.tensor([0.5, 2.0]), torch.tensor(3.0))
-    tensor([1.5000, 6.0000])
-    """
-    return scale * quantile

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from sextant.errors import ArgumentError
 from sextant.layers.cell_means import cell_means
+from sextant.models.depthwise_conv import DepthwiseConv2d
 from sextant.models.fine_tuning import freeze, set_rate_factors
 from sextant.models.trunk_input import TrunkInput
 from sextant.models.trunk_weights import imagenet_weights
@@ -50,12 +51,15 @@ class SamePadding(nn.Module):
 
 
 def _convolution(
-    channels: int, width: int, kernel: int = 1, stride: int = 1, *, groups: int = 1, active: bool = True
+    channels: int, width: int, kernel: int = 1, stride: int = 1, *, depthwise: bool = False, active: bool = True
 ) -> nn.Sequential:
     pads = stride > 1  # else both sides are padded alike, which the convolution does itself
     layers: list[nn.Module] = [SamePadding(kernel, stride)] if pads else []
     padding = 0 if pads else kernel // 2
-    layers.append(nn.Conv2d(channels, width, kernel, stride, padding, groups=groups, bias=False))
+    if depthwise:
+        layers.append(DepthwiseConv2d(channels, kernel, stride, padding))
+    else:
+        layers.append(nn.Conv2d(channels, width, kernel, stride, padding, bias=False))
     layers.append(nn.BatchNorm2d(width, eps=1e-3))
     return nn.Sequential(*layers, *([nn.ReLU6(inplace=True)] if active else []))
 
@@ -67,7 +71,7 @@ class InvertedResidual(nn.Module):
         super().__init__()
         inner = channels * expansion
         expand = [_convolution(channels, inner)] if expansion > 1 else []
-        filtering = _convolution(inner, inner, kernel, stride, groups=inner)
+        filtering = _convolution(inner, inner, kernel, stride, depthwise=True)
         self.layers = nn.Sequential(*expand, filtering, _convolution(inner, width, active=False))
         self.residual = stride == 1 and channels == width
 

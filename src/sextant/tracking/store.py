@@ -5,13 +5,15 @@ import sqlite3
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from filelock import FileLock
 
+from sextant.atomic_files import write_atomically
+from sextant.cache_folder import cache_folder
 from sextant.errors import UserError
 
 if TYPE_CHECKING:
@@ -186,9 +188,26 @@ def _make_database(database: Path) -> None:
 
 
 def _make_tables(database: Path) -> None:
-    from mlflow import MlflowClient
+    """Copy the empty tables that are kept from the last time, or have MLflow make them, which takes it seconds."""
+    from mlflow import MlflowClient, __version__
 
+    kept = cache_folder() / f"empty_mlflow_{__version__}.db"
+    if _is_whole(kept):
+        database.write_bytes(kept.read_bytes())
+        return
     MlflowClient(f"sqlite:///{database}").get_experiment("0")
+    with suppress(OSError):  # a folder that cannot be written costs these seconds each time
+        write_atomically(kept, lambda file: file.write(database.read_bytes()))
+
+
+def _is_whole(database: Path) -> bool:
+    """Whether a file is a database without a fault, with MLflow's tables and its first experiment."""
+    try:
+        with closing(sqlite3.connect(f"{database.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+            (found,) = connection.execute("SELECT COUNT(*) FROM experiments").fetchone()
+            return found == 1 and connection.execute("PRAGMA quick_check").fetchone() == ("ok",)
+    except sqlite3.Error:  # not there either
+        return False
 
 
 def _require_sqlite(database: Path) -> None:
