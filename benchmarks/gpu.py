@@ -17,18 +17,23 @@ PRECISIONS = {"32": None, "bf16": torch.bfloat16, "16": torch.float16}
 def networks() -> dict[str, tuple[Callable[[], nn.Module], tuple[int, ...], bool]]:
     """By name: what builds a network, the shape of its batch, and whether it knows classes rather than numbers."""
     from sextant.layers import PushPullConv2d
-    from sextant.models import ResNetCifar, SmallVGG, StridedCNN
+    from sextant.models import EfficientNetLite0, ResNetCifar, SmallVGG, StridedCNN
 
     def push_pull() -> nn.Module:
         network = ResNetCifar(3, (32, 32), 10, depth=20)
         network.conv1 = PushPullConv2d(3, 16, 3, padding=1, bias=False)
         return network
 
+    def trunk() -> nn.Module:  # of zoo:calibration
+        network = EfficientNetLite0(3, (144, 144), 256, stages=5, grid=(9, 9), frozen_stages=2)
+        return network.to(memory_format=torch.channels_last)
+
     return {
         "ResNet-20, 32x32": (lambda: ResNetCifar(3, (32, 32), 10, depth=20), (256, 3, 32, 32), True),
         "ResNet-20 with push-pull, 32x32": (push_pull, (256, 3, 32, 32), True),
         "small VGG, 28x28": (lambda: SmallVGG(1, (28, 28), 10), (256, 1, 28, 28), True),
         "strided CNN of calibration, 96x72": (lambda: StridedCNN(3, (72, 96), 256), (64, 3, 72, 96), False),
+        "EfficientNet-Lite0 of calibration, 144x144": (trunk, (64, 3, 144, 144), False),
     }
 
 

@@ -113,7 +113,8 @@ def test_killed_in_turn_it_ends_as_if_it_had_not_been_and_leaves_nothing_behind(
     words = [TWO, "trainer.max_epochs=8", "trainer.batch_size=32", "tracking=none"]
     expected = RunDirectory(execute(quick_config(tmp_path / "whole", *words)).directory).results()
     killed = quick_config(tmp_path / "killed", *words)
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["sextant.lifecycle.training", "sextant.recipes.classification"])
     for _ in range(2):
         process = context.Process(target=begin, args=(killed,))
         process.start()

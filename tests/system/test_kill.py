@@ -46,7 +46,7 @@ def tracked(outputs):
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_run_killed_ten_times_ends_as_if_it_had_not_been(tmp_path):
-    overrides = ["trainer.max_epochs=40", "trainer.batch_size=32"]
+    overrides = ["trainer.max_epochs=24", "trainer.batch_size=32"]
     raw = quick_config(tmp_path / "killed", *overrides)
     expected = RunDirectory(execute(quick_config(tmp_path / "whole", *overrides)).directory).results()
     context = multiprocessing.get_context("forkserver")

@@ -205,7 +205,7 @@ def _is_whole(database: Path) -> bool:
     try:
         with closing(sqlite3.connect(f"{database.absolute().as_uri()}?mode=ro", uri=True)) as connection:
             (found,) = connection.execute("SELECT COUNT(*) FROM experiments").fetchone()
-            return found == 1 and connection.execute("PRAGMA quick_check").fetchone() == ("ok",)
+            return bool(found == 1 and connection.execute("PRAGMA quick_check").fetchone() == ("ok",))
     except sqlite3.Error:  # not there either
         return False
 
