@@ -25,7 +25,7 @@ def networks() -> dict[str, tuple[Callable[[], nn.Module], tuple[int, ...], bool
         return network
 
     def trunk() -> nn.Module:  # of zoo:calibration
-        network = EfficientNetLite0(3, (144, 144), 256, stages=5, grid=(9, 9), frozen_stages=2)
+        network = EfficientNetLite0(3, (112, 112), 256, stages=5, grid=(7, 7), frozen_stages=2)
         return network.to(memory_format=torch.channels_last)
 
     return {
@@ -33,7 +33,7 @@ def networks() -> dict[str, tuple[Callable[[], nn.Module], tuple[int, ...], bool
         "ResNet-20 with push-pull, 32x32": (push_pull, (256, 3, 32, 32), True),
         "small VGG, 28x28": (lambda: SmallVGG(1, (28, 28), 10), (256, 1, 28, 28), True),
         "strided CNN of calibration, 96x72": (lambda: StridedCNN(3, (72, 96), 256), (64, 3, 72, 96), False),
-        "EfficientNet-Lite0 of calibration, 144x144": (trunk, (64, 3, 144, 144), False),
+        "EfficientNet-Lite0 of calibration, 112x112": (trunk, (64, 3, 112, 112), False),
     }
 
 

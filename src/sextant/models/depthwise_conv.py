@@ -8,8 +8,9 @@ from torch import Tensor, nn
 class DepthwiseConv2d(nn.Conv2d):
     """``torch.nn.Conv2d`` with a filter for each channel, whose gradients are worked out in float32 on a CPU.
 
-    oneDNN takes several times as long for the gradient of such a filter in bfloat16 as in float32, which doubles the
-    time of a step of EfficientNet-Lite0. Without gradients, on a GPU and in float32 nothing differs from its parent.
+    oneDNN's gradient of such filters is slow in bfloat16: a training step of EfficientNet-Lite0 took longer with it
+    than in float32 (``python -m benchmarks precisions`` times the network as it is). Without gradients, on a GPU and in
+    float32 nothing differs from the parent.
 
     Args:
         channels: of the map that comes in and of the one that goes out.
