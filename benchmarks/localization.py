@@ -125,10 +125,10 @@ def step(
         prior = everywhere if spread else MapPrior(model.map.poses[place : place + 1], 2.0, 0.1)
         belief = UniformStart().start(prior, 1, particles, None, None, rng)
         image = model.map.descriptors[place : place + 1] + 0.02 * torch.randn(1, DIMENSION, generator=rng)
-        state = FilterState(belief, particle_filter.recovery.memory(1))
+        state = FilterState(belief, particle_filter.recovery.memory(1), torch.full((1,), math.inf).double())
         for _ in range(getattr(recovery, "window", 0)):
             seen, _ = particle_filter.step(state, motion, model.observe(image, LIKELIHOOD), None, rng)
-            state = FilterState(belief, seen.memory)
+            state = FilterState(belief, seen.memory, seen.way)
         clouds.append((state, image, model.observe(image, LIKELIHOOD) if given else None))
     turns = cycle(clouds)
 

@@ -130,11 +130,26 @@ def test_what_is_off_the_map_is_summed_by_weight():
     assert float(support.off_map(belief)) == pytest.approx(0.7)
 
 
-@pytest.mark.parametrize("name", ["reach", "heading_reach", "leave", "outliers"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+WRONG = [(name, value) for name in ("heading_reach", "leave", "outliers") for value in (0.0, -1.0, math.nan, math.inf)]
+
+
+@pytest.mark.parametrize(("name", "value"), [*WRONG, ("reach", 0.0), ("reach", -1.0), ("reach", math.nan)])
 def test_numbers_out_of_range_are_named(name, value):
     with pytest.raises(ArgumentError, match=f"{name}={value} must"):
         MapSupport(line(), **{"reach": 1.0, name: value})
+
+
+def test_everywhere_an_image_that_tells_nothing_costs_no_more_than_how_seldom_that_is():
+    support, model = MapSupport.everywhere(line(), outliers=0.2), fitted()
+    evidence = model.observe(torch.full((1, 64), 50.0), Likelihood())
+    poses = poses_at((3.0, 0.0, 0.0), (3.0, 50.0, 1.0), (1e6, 0.0, 0.0))[None]
+    told, plain = EvidenceOnMap(evidence, support).log_likelihood(poses), evidence.log_likelihood(poses)
+    mean = evidence.over_map().logsumexp(1) - math.log(20)
+    expected = torch.logaddexp(plain + math.log(0.8), mean + math.log(0.2))
+    torch.testing.assert_close(told, expected)
+    assert float((told - mean).min()) >= math.log(0.2) - 1e-9
+    assert support.log_change(poses, poses + 100).abs().max() == 0
+    assert support.off_map(Belief.uniform(poses)).tolist() == [0.0]
 
 
 def loop(step: float = 0.1) -> torch.Tensor:

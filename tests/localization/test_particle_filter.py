@@ -347,7 +347,7 @@ def test_resampling_waits_for_a_small_effective_sample():
         IdentityMotion(), SystematicResampling(), NoRecovery(), MapPrior(poses[0], 1.0, 0.1), ess_threshold=0.5
     )
     state, step = particle_filter.step(
-        FilterState(Belief.of(poses, weights.log()), None), None, None, None, generator()
+        FilterState(Belief.of(poses, weights.log()), None, torch.zeros(2)), None, None, None, generator()
     )
     assert step.resampled.tolist() == [False, True]
     assert float(step.ess[0]) == pytest.approx(4)
@@ -405,3 +405,54 @@ def test_a_threshold_outside_of_the_unit_interval_is_refused(threshold):
 def test_no_particles_are_refused():
     with pytest.raises(UserError, match=r"particles=0"):
         filter_of(line(), NoRecovery()).start(UniformStart(), 1, 0, generator())
+
+
+def along(by, turn=0.0):
+    return torch.tensor([[by, 0.0, turn]], dtype=torch.float64)
+
+
+@pytest.mark.parametrize(
+    ("motions", "counted"),
+    [
+        ([along(0.5)] * 5, [True, False, True, False, True, False]),
+        ([along(0.4)] * 4, [True, False, False, True, False]),
+        ([along(0.0)] * 3, [True, False, False, False]),
+        ([along(0.0, 0.25), along(0.0, -0.25), along(0.25, 0.25)], [True, False, True, False]),
+        ([along(math.nan), along(0.1)], [True, True, False]),
+        ([None, along(3.0)], [True, False, True]),
+    ],
+)
+def test_an_observation_counts_again_after_some_way(motions, counted):
+    """What comes too soon is as if nothing was seen: of one run here, in six orders of motions."""
+    particle_filter = filter_of(line(), NoRecovery(), apart=(1.0, 0.5), ess_threshold=0.0)
+    evidence = Told([peaks([(5.0, 1.0)], 1.5, 0)], line().map_poses)
+    state = particle_filter.start(UniformStart(), 1, 200, generator())
+    found = []
+    for motion in (None, *motions):
+        would = bool(particle_filter.counts(state, motion))
+        before = state
+        state, step = particle_filter.step(before, motion, evidence, None, generator(3))
+        blind, _ = particle_filter.step(before, motion, None, None, generator(3))
+        dropped = torch.equal(state.belief.log_weights, blind.belief.log_weights)
+        assert dropped == (not would)
+        assert (float(step.log_evidence[0]) == 0.0) == dropped
+        found.append(would)
+    assert found == counted
+
+
+def test_each_run_counts_its_own_way():
+    particle_filter = filter_of(line(), NoRecovery(), apart=(1.0, 0.5), ess_threshold=0.0)
+    evidence = Told([peaks([(5.0, 1.0)], 1.5, 0)] * 2, line().map_poses)
+    first = torch.tensor([True, False])
+    state = particle_filter.start(AppearanceStart(), 2, 200, generator(), evidence, first)
+    assert state.way.tolist() == [0.0, math.inf]
+    state, _ = particle_filter.step(state, motion_of(line(), 0.5, 2), evidence, None, generator())
+    assert state.way.tolist() == [0.5, 0.0]
+    state, _ = particle_filter.step(state, motion_of(line(), 0.5, 2), evidence, None, generator())
+    assert state.way.tolist() == [0.0, 0.5]
+
+
+@pytest.mark.parametrize("apart", [(0.0, 1.0), (1.0, -1.0), (math.inf, 1.0), (1.0, math.nan)])
+def test_a_way_that_is_none_is_named(apart):
+    with pytest.raises(UserError, match="apart="):
+        filter_of(line(), NoRecovery(), apart=apart)

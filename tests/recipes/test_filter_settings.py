@@ -1,5 +1,6 @@
 """The filter that a config of localization describes."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,6 +28,16 @@ def test_cameras_are_asked_where_the_map_is_and_lasers_anywhere(overrides, suppo
     assert (found.support is not None) is supported
     if found.support is not None:
         assert found.support.reach == pytest.approx(0.5)  # of a map every metre
+
+
+def test_outliers_and_how_far_images_are_apart_follow_the_config():
+    assert filter_of([]).support.outliers == 0.01
+    assert filter_of([]).apart is None
+    found = filter_of(["filter.outliers=0.1", "filter.apart=2"], LINE * [5.0, 1, 1])
+    assert (found.support.outliers, found.support.reach) == (0.1, pytest.approx(2.5))
+    assert found.apart == pytest.approx((10.0, math.radians(40)))  # two spacings, or two turns that the map tells apart
+    anywhere = filter_of(["filter.outliers=0.1", "filter.support=null"]).support
+    assert (anywhere.outliers, anywhere.reach) == (0.1, math.inf)
 
 
 @pytest.mark.parametrize(("spacing", "unit", "aside"), [(1.0, "m", 0.2), (5.0, "m", 1.0), (1.0, "frames", 0.0)])

@@ -13,6 +13,7 @@ from torch import Tensor
 from sextant.localization.belief import Belief
 from sextant.localization.estimate import estimate
 from sextant.localization.initialisation import Initialisation
+from sextant.localization.observation.evidence import Evidence, EvidenceOfSome
 from sextant.localization.observers import Observer
 from sextant.localization.particle_filter import FilterState, ParticleFilter
 from sextant.reporter import Advance
@@ -97,14 +98,17 @@ def localize(
     state: FilterState | None = None
     for step in range(steps):
         began = time.perf_counter()
+        moved = None if state is None else torch.from_numpy(motion[step])
         looked = torch.from_numpy(seen[step])
-        evidence = observer.observe(frames[step]) if bool(looked.any()) else None
+        if state is not None:
+            looked = looked & filter.counts(state, moved)
+        evidence = _observed(observer, frames[step], looked)
         if state is None:
             state = filter.start(start, frames.shape[1], particles, generator, evidence, looked)
             weighed = start.uses_evidence and evidence is not None  # then the first image is in the belief
             state, told = filter.step(state, None, None if weighed else evidence, looked, generator)
         else:
-            state, told = filter.step(state, torch.from_numpy(motion[step]), evidence, looked, generator)
+            state, told = filter.step(state, moved, evidence, looked, generator)
         found = estimate(state.belief, radius)
         seconds[step] = time.perf_counter() - began
         for name in ("pose", "covariance", "mass", "modes"):
@@ -116,3 +120,12 @@ def localize(
         if progress is not None:
             progress(step + 1, steps)
     return Track(**{name: torch.stack(values).numpy() for name, values in columns.items()}, seconds=seconds)
+
+
+def _observed(observer: Observer, frames: Int64[ndarray, " r"], looked: Bool[Tensor, "r"]) -> Evidence | None:
+    """The evidence of the runs that look; None if none does."""
+    if bool(looked.all()):
+        return observer.observe(frames)
+    if not bool(looked.any()):
+        return None
+    return EvidenceOfSome(observer.observe(frames[looked.numpy()]), looked)

@@ -56,7 +56,7 @@ class MapSupport:
 
     Attributes:
         poses: of the map's images.
-        reach: r, in the unit of positions: up to where an image stands for poses beside it.
+        reach: r, in the unit of positions: up to where an image stands for poses beside it; infinite: everywhere.
         heading_reach: ρ in rad, likewise.
         leave: ε in (0, 1), the chance of being off the map.
         outliers: o in (0, 1), the share of images that tell nothing of where they were taken.
@@ -79,9 +79,12 @@ class MapSupport:
     outliers: float = 0.01
 
     def __post_init__(self) -> None:
-        for name in ("reach", "heading_reach"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ArgumentError(f"{name}={getattr(self, name)} must be above 0 and finite", f"For example {name}=1")
+        if not self.reach > 0:
+            raise ArgumentError(f"reach={self.reach} must be above 0", "For example reach=1")
+        if not 0 < self.heading_reach < math.inf:
+            raise ArgumentError(
+                f"heading_reach={self.heading_reach} must be above 0 and finite", "For example heading_reach=1"
+            )
         for name in ("leave", "outliers"):
             check_share(name, getattr(self, name))
 
@@ -99,12 +102,24 @@ class MapSupport:
         learnt = DENSE * spacing <= length <= _breadth(poses)
         return cls(poses, LENGTHS * length if learnt else spacing / 2, heading_reach(poses))
 
+    @classmethod
+    def everywhere(cls, poses: Float64[Tensor, "n 3"], outliers: float) -> "MapSupport":
+        """The observation model is asked at every pose, but so many images tell nothing of where they were taken.
+
+        >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
+        >>> MapSupport.everywhere(line, outliers=0.1).share(line + 1000).min()
+        tensor(1., dtype=torch.float64)
+        """
+        return cls(poses, math.inf, heading_reach(poses), outliers=outliers)
+
     @cached_property
     def _near(self) -> Neighbourhoods:
         return Neighbourhoods(self.poses, PoseKernel("rbf", (self.reach, self.reach), self.heading_reach, 1.0, 0.0))
 
     def share(self, poses: Float64[Tensor, "*b 3"]) -> Float64[Tensor, "*b"]:
         """s(x) of poses."""
+        if self.reach == math.inf:
+            return poses.new_ones(poses.shape[:-1])
         flat = poses.reshape(-1, 3)
         apart = self._near.kernel.features(flat) - torch.from_numpy(self._near.features)[self._near.nearest(flat)]
         beyond = (apart.norm(dim=1) - 1).clamp(min=0)

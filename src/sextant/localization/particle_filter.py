@@ -10,6 +10,7 @@ sample size has fallen below a share of their number.
 Source: Doucet, Godsill & Andrieu, "On Sequential Monte Carlo Sampling Methods for Bayesian Filtering", 2000.
 """
 
+import math
 from dataclasses import KW_ONLY, dataclass
 
 import torch
@@ -36,10 +37,12 @@ class FilterState:
     Attributes:
         belief: of each run.
         memory: what the recovery remembers of each run.
+        way: of each run since the last observation that counted, in the filter's ``apart``; infinite before the first.
     """
 
     belief: Belief
     memory: Memory
+    way: Float64[Tensor, "r"]
 
 
 @dataclass(frozen=True)
@@ -78,9 +81,12 @@ class ParticleFilter:
         kld: adapts the number of particles of each run; None keeps it. The arrays are then as wide as the largest run
             needs, and in the others the places beyond their own number have weight zero.
         support: where the map tells anything; None asks the observation model everywhere.
+        apart: after which way, or which turn in rad, an observation counts again: what a map does not know about a
+            place is wrong in every image taken there, and these err alike. The shares of both add up, and a motion that
+            is unknown is far enough. None takes every observation for a new one.
 
     Raises:
-        UserError: the threshold is not between 0 and 1.
+        UserError: the threshold is not between 0 and 1, or a way or turn is not above 0.
 
     Example:
         >>> from sextant.localization import initialisation, motion, recovery, resampling
@@ -105,8 +111,11 @@ class ParticleFilter:
     ess_threshold: float = 0.5
     kld: KLDSize | None = None
     support: MapSupport | None = None
+    apart: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        if self.apart is not None and not all(0 < each < math.inf for each in self.apart):
+            raise ArgumentError(f"apart={self.apart} must be a way and a turn above 0", "apart=(5.0, 0.5)")
         if not 0 <= self.ess_threshold <= 1:
             raise ArgumentError(f"ess_threshold={self.ess_threshold} must lie between 0 and 1", "ess_threshold=0.5")
 
@@ -136,7 +145,37 @@ class ParticleFilter:
         if particles < 1:
             raise ArgumentError(f"particles={particles} must be at least 1", "For example particles=1000")
         belief = initialisation.start(self.prior, runs, particles, evidence, seen, generator)
-        return FilterState(belief, self.recovery.memory(runs, belief.poses.device))
+        way = belief.log_weights.new_full((runs,), math.inf)
+        if initialisation.uses_evidence and evidence is not None:
+            way = way.masked_fill(torch.ones_like(way, dtype=torch.bool) if seen is None else seen, 0.0)
+        return FilterState(belief, self.recovery.memory(runs, belief.poses.device), way)
+
+    def counts(self, state: FilterState, motion: Float64[Tensor, "r 3"] | None) -> Bool[Tensor, "r"]:
+        """In which runs an observation would count after a motion: the others need not look, and ``step`` drops it.
+
+        Example:
+            >>> from dataclasses import replace
+            >>> from sextant.localization import initialisation, motion, recovery, resampling
+            >>> line = torch.tensor([[float(x), 0.0, 0.0] for x in range(10)], dtype=torch.float64)
+            >>> parts = motion.ExponentialMotion(), resampling.SystematicResampling(), recovery.NoRecovery()
+            >>> filter = ParticleFilter(*parts, MapPrior(line, 0.5, 0.1), apart=(1.0, 0.5))
+            >>> state = filter.start(initialisation.UniformStart(), 3, 10, torch.Generator())
+            >>> state = replace(state, way=torch.tensor([math.inf, 0.3, 0.3]).double())  # one has seen nothing yet
+            >>> moved = torch.tensor([[0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.2]], dtype=torch.float64)
+            >>> filter.counts(state, moved)  # 0.3 and half the way are too little, with two fifths of the turn enough
+            tensor([ True, False,  True])
+        """
+        return self._way(state, motion) >= 1
+
+    def _way(self, state: FilterState, motion: Tensor | None) -> Tensor:
+        """Since the last observation that counted, with a motion more."""
+        if self.apart is None:
+            return torch.full_like(state.way, math.inf)
+        if motion is None:
+            return state.way
+        way, turn = self.apart
+        more = motion[:, :2].norm(dim=1) / way + motion[:, 2].abs() / turn
+        return state.way + torch.where(motion.isfinite().all(1), more, math.inf)
 
     def step(
         self,
@@ -156,7 +195,10 @@ class ParticleFilter:
             seen: which runs see something; None for all.
             generator: of random numbers.
         """
-        belief = state.belief
+        belief, way = state.belief, self._way(state, motion)
+        if evidence is not None and self.apart is not None:
+            seen = way >= 1 if seen is None else seen & (way >= 1)
+            way = way.masked_fill(seen, 0.0)
         if motion is not None:
             belief = self._moved(belief, self.motion.sample(belief.poses, motion, generator), evidence is None)
         if evidence is not None and self.support is not None:
@@ -178,7 +220,7 @@ class ParticleFilter:
         belief, resampled = self._resampled(belief, ess, generator)
         particles = (belief.log_weights > -torch.inf).sum(1)
         step = FilterStep(ess, resampled, injected, log_evidence, particles, degenerate)
-        return FilterState(belief, memory), step
+        return FilterState(belief, memory, way), step
 
     def _moved(self, belief: Belief, poses: Tensor, normalise: bool) -> Belief:
         """Where something is seen, weights stay as they are: restarts gain what a belief that left the map lost."""

@@ -246,6 +246,8 @@ def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettin
         config.seed,
         task.replay,
         support=filter.support == "map" and not _is_laser(config),
+        outliers=filter.outliers,
+        apart=filter.apart,
     )
 
 

@@ -1,6 +1,7 @@
 """Live use: a map from arrays or from a run, and poses out of it."""
 
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from sextant.evaluation.protocols import OFFICE_LOCALIZATION
 from sextant.localization.initialisation import GaussianStart, UniformStart
 from sextant.localization.likelihood import Likelihood
 from sextant.localization.localize import localize
+from sextant.localization.map_support import MapSupport
 from sextant.localization.motion import IdentityMotion
 from sextant.localization.observers import Camera
 from sextant.localization.pose_kernel import PoseKernel
@@ -208,6 +210,25 @@ def test_unknown_motion_spreads_the_particles_and_nothing_seen_changes_no_weight
     unknown = localizer.step(None)
     assert known.sigmas[0] < 0.05 < 0.15 < unknown.sigmas[0]
     assert torch.equal(before.log_weights, localizer.belief.log_weights)
+
+
+def test_images_that_come_too_soon_change_no_weight_and_a_saved_map_remembers(corridor, tmp_path):
+    localizer = corridor.localizer()
+    everywhere = MapSupport.everywhere(localizer.filter.prior.poses, outliers=0.1)
+    localizer.filter = replace(localizer.filter, support=everywhere, apart=(2.0, 1.0), ess_threshold=0.0)
+    counted, before = [], None
+    for step in range(7):
+        localizer.step((0.7, 0.0, 0.0), corridor.at(5.2 + 0.7 * step))
+        after = localizer.belief.log_weights
+        counted.append(before is None or not torch.allclose(before, after, rtol=0, atol=1e-9))
+        before = after
+    assert counted == [True, False, False, True, False, False, True]
+    localizer.save(tmp_path)
+    loaded = Localizer.load(tmp_path)
+    assert loaded.filter.apart == (2.0, 1.0)
+    assert (loaded.filter.support.reach, loaded.filter.support.outliers) == (math.inf, 0.1)
+    localizer.reset()
+    assert same(drive(localizer, corridor), drive(loaded, corridor))
 
 
 def test_one_particle_and_an_image_that_nothing_explains(corridor):

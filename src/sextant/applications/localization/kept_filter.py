@@ -1,5 +1,6 @@
 """The settings of a filter as plain values, and back; only classes of Sextant are made of what a file names."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from types import ModuleType
@@ -30,8 +31,10 @@ def filter_values(filter: ParticleFilter) -> dict[str, Any]:
     values: dict[str, Any] = {name: _part(getattr(filter, name), package) for name, package in PACKAGES.items()}
     kld = None if filter.kld is None else asdict(filter.kld)
     held = filter.support
-    support = None if held is None else [held.reach, held.heading_reach, held.leave, held.outliers]
-    values |= {"ess_threshold": filter.ess_threshold, "kld": kld, "support": support}
+    reach = None if held is None or held.reach == math.inf else held.reach  # JSON knows no infinity
+    support = None if held is None else [reach, held.heading_reach, held.leave, held.outliers]
+    apart = None if filter.apart is None else list(filter.apart)
+    values |= {"ess_threshold": filter.ess_threshold, "kld": kld, "support": support, "apart": apart}
     return values | {"spread": list(filter.prior.sigmas)}
 
 
@@ -50,7 +53,7 @@ def filter_of(
         KeyError, TypeError, ValueError: the values are damaged.
     """
     along, across, heading = (float(sigma) for sigma in values["spread"])
-    support = values.get("support")  # maps of before have none
+    support, apart = values.get("support"), values.get("apart")  # maps of before have none
     return ParticleFilter(
         motion or _made(values, "motion"),
         _made(values, "resampling"),
@@ -58,7 +61,10 @@ def filter_of(
         MapPrior(poses, (along, across), heading),
         ess_threshold=float(values["ess_threshold"]),
         kld=None if values["kld"] is None else KLDSize(**values["kld"]),
-        support=None if support is None else MapSupport(poses, *(float(value) for value in support)),
+        support=None
+        if support is None
+        else MapSupport(poses, *(math.inf if value is None else float(value) for value in support)),
+        apart=None if apart is None else (float(apart[0]), float(apart[1])),
     )
 
 

@@ -219,6 +219,8 @@ class Localizer:
         new = 0.0 if seen is None else self._newness(seen)
         evidence = None if seen is None else self._evidence(seen, new, follows=follows)
         looked = torch.tensor([evidence is not None])
+        if self._state is not None:
+            looked = looked & self.filter.counts(self._state, moved[None])
         if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
             self._foresight = self._compared(self._state.belief, moved, evidence, new)
         moves = self._paced()

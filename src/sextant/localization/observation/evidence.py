@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from torch import Tensor
 
 
@@ -20,3 +20,37 @@ class Evidence(ABC):
     @abstractmethod
     def over_map(self) -> Float64[Tensor, "r n"]:
         """The log-likelihood at the pose of every image of the map."""
+
+
+class EvidenceOfSome(Evidence):
+    """Evidence where only some of r runs look: in the others all poses are as likely, and nothing is computed.
+
+    Args:
+        evidence: of the runs that look.
+        looked: which of the r runs these are.
+
+    Example:
+        >>> import torch
+        >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
+        ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
+        ...     over_map = lambda self: self.log_likelihood(line[None])
+        >>> line = torch.tensor([[8.0, 0.0, 0.0], [9.0, 0.0, 0.0], [10.0, 0.0, 0.0]], dtype=torch.float64)
+        >>> EvidenceOfSome(AtTen(), torch.tensor([False, True])).log_likelihood(line.repeat(2, 1, 1)).tolist()
+        [[0.0, 0.0, 0.0], [-4.0, -1.0, 0.0]]
+    """
+
+    def __init__(self, evidence: Evidence, looked: Bool[Tensor, "r"]):
+        self.evidence, self.looked = evidence, looked
+
+    def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
+        """See :class:`Evidence`."""
+        return self._of_all(self.evidence.log_likelihood(poses[self.looked]))
+
+    def over_map(self) -> Float64[Tensor, "r n"]:
+        """See :class:`Evidence`."""
+        return self._of_all(self.evidence.over_map())
+
+    def _of_all(self, told: Tensor) -> Tensor:
+        whole = told.new_zeros(len(self.looked), told.shape[1])
+        whole[self.looked] = told
+        return whole

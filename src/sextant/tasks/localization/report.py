@@ -164,7 +164,7 @@ def _figures(judged: Judged, dof: int) -> dict[str, float]:
         "pose_nll": _mean(judged.outcome.nll.T[later]),
         "ess": float(np.mean(track.ess)),
         "particles": float(np.mean(track.particles)),
-        "ms_per_step_of_all_runs": 1e3 * float(np.median(track.seconds)),
+        "ms_per_step_of_all_runs": 1e3 * _mean(track.seconds[1:]),  # the first one compiles
     }
     if judged.recovery is not None:
         told |= {

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -21,7 +21,7 @@ from sextant.localization.belief import Belief
 from sextant.localization.initialisation import AppearanceStart, GaussianStart, Initialisation, UniformStart
 from sextant.localization.localize import Track, localize
 from sextant.localization.map_prior import MapPrior
-from sextant.localization.map_support import MapSupport
+from sextant.localization.map_support import MapSupport, heading_reach, map_spacing
 from sextant.localization.motion import MotionModel
 from sextant.localization.observers import Observer
 from sextant.localization.particle_filter import ParticleFilter
@@ -87,6 +87,9 @@ class TestSettings:
         seed: of all random numbers.
         replay: keep the particles of the first run of each trial.
         support: ask the observation model on the map alone: :class:`~sextant.localization.map_support.MapSupport`.
+        outliers: share of images that tell nothing of where they were taken; None: a hundredth with ``support``, none
+            without.
+        apart: after how many spacings of the map an image counts again; None: every image counts.
     """
 
     __test__ = False
@@ -105,9 +108,16 @@ class TestSettings:
     seed: int
     replay: bool = False
     support: bool = False
+    outliers: float | None = None
+    apart: float | None = None
 
     def filter(self, poses: Float64[Tensor, "n 3"], kernel: PoseKernel | None = None) -> ParticleFilter:
         """The filter on a map of images at these poses, with the kernel that was learnt for it."""
+        support = MapSupport.of(poses, kernel) if self.support else None
+        if self.outliers is not None:
+            everywhere = MapSupport.everywhere(poses, self.outliers)
+            support = everywhere if support is None else replace(support, outliers=self.outliers)
+        apart = None if self.apart is None else (self.apart * map_spacing(poses), 2 * heading_reach(poses) * self.apart)
         return ParticleFilter(
             self.motion,
             self.resampling,
@@ -115,7 +125,8 @@ class TestSettings:
             MapPrior(poses, self.spread[:2], self.spread[2]),
             ess_threshold=self.ess_threshold,
             kld=self.kld,  # type: ignore[arg-type]
-            support=MapSupport.of(poses, kernel) if self.support else None,
+            support=support,
+            apart=apart,
         )
 
 

@@ -324,7 +324,7 @@ class KLDSize(Node):
 class ParticleFilter(Node):
     """The filter."""
 
-    later = ("support",)
+    later = ("support", "outliers", "apart")
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])
     start: Literal["uniform", "appearance", "gaussian"]
     resampling: Literal["systematic", "stratified", "residual", "multinomial"]
@@ -333,3 +333,5 @@ class ParticleFilter(Node):
     spread_position: Positive | None = Field(examples=[0.3])
     spread_heading_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(examples=[10.0])
     support: Literal["map"] | None = None
+    outliers: Annotated[float, Field(gt=0, lt=1)] | None = Field(default=None, examples=[0.1])
+    apart: Positive | None = Field(default=None, examples=[1.0])
