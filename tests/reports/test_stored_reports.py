@@ -26,6 +26,7 @@ SWEEPS = {
     "lenet_fresh": "pushpull_lenet_fresh",
     "loss": "place_loss",
     "mining": "place_mining",
+    "mnist": "cosfire_mnist",
     "nordland": "localization_nordland",
     "weather": "place_weather",
 }
