@@ -51,6 +51,10 @@ RUN = {
     "task.starts=3": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     "python train.py task=localization": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
     "python train.py task=localization likelihood.tempering=along_drives": ((*OFFICE, *QUICK_LOCALIZER), "particles"),
+    "python train.py task=localization seed=0 dataset.seed=0 filter.apart=2 filter.outliers=0.1": (
+        (*OFFICE, *QUICK_LOCALIZER),
+        "particles",
+    ),
     f"python train.py experiment=localization_folder {POSES}": (FRAMES, "particles"),
     f"python train.py experiment=localization_folder {POSES} dataset.poses=gps dataset.protocol=town": (
         FRAMES,

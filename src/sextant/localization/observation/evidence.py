@@ -34,9 +34,9 @@ class EvidenceOfSome(Evidence):
         >>> class AtTen(Evidence):  # what is seen looks like the place at 10 m
         ...     log_likelihood = lambda self, poses: -(poses[..., 0] - 10).square()
         ...     over_map = lambda self: self.log_likelihood(line[None])
-        >>> line = torch.tensor([[8.0, 0.0, 0.0], [9.0, 0.0, 0.0], [10.0, 0.0, 0.0]], dtype=torch.float64)
+        >>> line = torch.tensor([[7.0, 0.0, 0.0], [8.0, 0.0, 0.0], [9.0, 0.0, 0.0]], dtype=torch.float64)
         >>> EvidenceOfSome(AtTen(), torch.tensor([False, True])).log_likelihood(line.repeat(2, 1, 1)).tolist()
-        [[0.0, 0.0, 0.0], [-4.0, -1.0, 0.0]]
+        [[0.0, 0.0, 0.0], [-9.0, -4.0, -1.0]]
     """
 
     def __init__(self, evidence: Evidence, looked: Bool[Tensor, "r"]):
