@@ -115,7 +115,7 @@ class ParticleFilter:
 
     def __post_init__(self) -> None:
         if self.apart is not None and not all(0 < each < math.inf for each in self.apart):
-            raise ArgumentError(f"apart={self.apart} must be a way and a turn above 0", "apart=(5.0, 0.5)")
+            raise ArgumentError(f"apart={self.apart} must be a way and a turn above 0 and finite", "apart=(5.0, 0.5)")
         if not 0 <= self.ess_threshold <= 1:
             raise ArgumentError(f"ess_threshold={self.ess_threshold} must lie between 0 and 1", "ess_threshold=0.5")
 
@@ -167,15 +167,13 @@ class ParticleFilter:
         """
         return self._way(state, motion) >= 1
 
-    def _way(self, state: FilterState, motion: Tensor | None) -> Tensor:
+    def _way(self, state: FilterState, motion: Float64[Tensor, "r 3"] | None) -> Float64[Tensor, "r"]:
         """Since the last observation that counted, with a motion more."""
         if self.apart is None:
             return torch.full_like(state.way, math.inf)
         if motion is None:
             return state.way
-        way, turn = self.apart
-        more = motion[:, :2].norm(dim=1) / way + motion[:, 2].abs() / turn
-        return state.way + torch.where(motion.isfinite().all(1), more, math.inf)
+        return state.way + way_moved(motion, *self.apart)
 
     def step(
         self,
@@ -261,6 +259,21 @@ class ParticleFilter:
         kept = torch.where(needed[:, None], -sizes[:, None].double().log(), log_weights.gather(1, order))
         absent = torch.arange(width, device=poses.device) >= sizes[:, None]
         return Belief(_picked(poses, chosen), kept.masked_fill(absent, -torch.inf)), needed
+
+
+def way_moved(motion: Float64[Tensor, "*b 3"], way: float, turn: float) -> Float64[Tensor, "*b"]:
+    """How far motions lead, in so much of a way and a turn together; infinitely far where one is unknown.
+
+    Args:
+        motion: dx and dy in the unit of the map, and dtheta in rad.
+        way: that counts as one, in the unit of the map.
+        turn: that counts as one, in rad.
+
+    >>> way_moved(torch.tensor([[3.0, 4.0, 0.5], [math.nan, 0.0, 0.0]]), way=10.0, turn=1.0)
+    tensor([1., inf])
+    """
+    moved = motion[..., :2].norm(dim=-1) / way + motion[..., 2].abs() / turn
+    return torch.where(motion.isfinite().all(-1), moved, math.inf)
 
 
 def _joined(weighed: Weighed, injection: Injection | None, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:

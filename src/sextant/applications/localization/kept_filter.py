@@ -54,6 +54,8 @@ def filter_of(
     """
     along, across, heading = (float(sigma) for sigma in values["spread"])
     support, apart = values.get("support"), values.get("apart")  # maps of before have none
+    if support is not None:
+        support = [math.inf if value is None else float(value) for value in support]
     return ParticleFilter(
         motion or _made(values, "motion"),
         _made(values, "resampling"),
@@ -61,9 +63,7 @@ def filter_of(
         MapPrior(poses, (along, across), heading),
         ess_threshold=float(values["ess_threshold"]),
         kld=None if values["kld"] is None else KLDSize(**values["kld"]),
-        support=None
-        if support is None
-        else MapSupport(poses, *(math.inf if value is None else float(value) for value in support)),
+        support=None if support is None else MapSupport(poses, *support),
         apart=None if apart is None else (float(apart[0]), float(apart[1])),
     )
 

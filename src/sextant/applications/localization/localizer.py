@@ -52,7 +52,7 @@ from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observation.neighbourhoods import Neighbourhoods
 from sextant.localization.odometry_scale import OdometryScale
 from sextant.localization.pace import Pace
-from sextant.localization.particle_filter import FilterState, ParticleFilter
+from sextant.localization.particle_filter import FilterState, ParticleFilter, way_moved
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
@@ -214,13 +214,13 @@ class Localizer:
         """
         seen = self._seen(image, descriptor)
         moved = self._odometry.applied(_motion(motion))
+        if self._state is not None and not bool(self.filter.counts(self._state, moved[None])):
+            seen = None  # too near to the last one
         self._way += self._steps_of_map(moved)
         follows = self._state is None or bool(moved.isfinite().all())
         new = 0.0 if seen is None else self._newness(seen)
         evidence = None if seen is None else self._evidence(seen, new, follows=follows)
         looked = torch.tensor([evidence is not None])
-        if self._state is not None:
-            looked = looked & self.filter.counts(self._state, moved[None])
         if self._state is not None and evidence is not None and bool(moved.isfinite().all()):
             self._foresight = self._compared(self._state.belief, moved, evidence, new)
         moves = self._paced()
@@ -392,9 +392,7 @@ class Localizer:
     def _steps_of_map(self, moved: Tensor) -> float:
         """How much of the way from one image of the map to the next; infinite if it is unknown."""
         support = self.filter.support
-        if support is None or not bool(moved.isfinite().all()):
-            return math.inf
-        return float(moved[:2].norm()) / self._spacing + abs(float(moved[2])) / (2 * support.heading_reach)
+        return math.inf if support is None else float(way_moved(moved, self._spacing, 2 * support.heading_reach))
 
     def _seen(self, image: AnyImage | None, descriptor: ndarray | None) -> Tensor | None:
         if image is not None and descriptor is not None:

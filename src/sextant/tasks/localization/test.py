@@ -115,8 +115,7 @@ class TestSettings:
         """The filter on a map of images at these poses, with the kernel that was learnt for it."""
         support = MapSupport.of(poses, kernel) if self.support else None
         if self.outliers is not None:
-            everywhere = MapSupport.everywhere(poses, self.outliers)
-            support = everywhere if support is None else replace(support, outliers=self.outliers)
+            support = replace(support or MapSupport.everywhere(poses, self.outliers), outliers=self.outliers)
         apart = None if self.apart is None else (self.apart * map_spacing(poses), 2 * heading_reach(poses) * self.apart)
         return ParticleFilter(
             self.motion,
