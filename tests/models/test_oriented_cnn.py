@@ -47,6 +47,13 @@ def test_a_blank_image_has_no_edges_and_is_finite():
     assert cells.shape == (1, 17, 8, 8)
 
 
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+def test_an_image_is_seen_alike_alone_and_in_a_batch_that_is_worked_through_in_parts(layout):
+    gradients, images = OrientedGradients(), torch.rand(9, 6, 96, 128)
+    alone = torch.cat([gradients(image[None]) for image in images])
+    assert torch.equal(gradients(images.contiguous(memory_format=layout)), alone)
+
+
 def test_the_network_gives_as_many_numbers_as_it_is_asked_for():
     assert OrientedCNN(6, (72, 96), 11)(torch.rand(2, 6, 72, 96)).shape == (2, 11)
     assert OrientedCNN(3, (64, 64), 11, grid=(2, 2))(torch.rand(2, 3, 64, 64)).shape == (2, 11)

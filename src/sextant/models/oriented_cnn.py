@@ -21,6 +21,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from sextant.layers.cell_means import cell_means
+from sextant.layers.depth_first import depth_first
 from sextant.models.convolutions import convolutions
 
 #: gradient, per pixel of an image in [-1, 1], below which there is no edge
@@ -64,6 +65,9 @@ class OrientedGradients(nn.Module):
     @torch.no_grad()
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
         """Cells of images whose first three channels are colours; without gradient, since nothing here is learnt."""
+        return depth_first(self._cells, x.contiguous(), self.votes, (1, 1))
+
+    def _cells(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b d h2 w2"]:
         gx, gy = sobel((x[:, 0] + x[:, 1] + x[:, 2])[:, None] / 3)
         strength = torch.hypot(gx, gy).add_(1e-6)
         # votes are homogeneous: of (cos 2 phi, sin 2 phi) times the root of m, squared
