@@ -57,7 +57,9 @@ def picture_looks(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 16"]:
 
 
 def _lower_median(values: Float[Tensor, "b n"]) -> Float[Tensor, "b"]:
-    """By sorting, as the median of rows that PyTorch has for a GPU is refused where results are to repeat."""
+    """By sorting on a GPU, as the median of rows that PyTorch has there is refused where results are to repeat."""
+    if values.is_cpu:
+        return values.median(1).values
     return values.sort(1).values[:, (values.shape[1] - 1) // 2]
 
 
