@@ -21,6 +21,7 @@ POOLED = sorted(path.parent for path in DOCS.glob("*/**/pooled.csv"))
 BY_SEED = sorted(path.parent for path in DOCS.glob("*/**/seeds.csv"))
 SWEEPS = {
     "butterflies": "cosfire_butterflies",
+    "city": "localization_city",
     "cifar_60": "pushpull_cifar",
     "gp_approximation_support": "gp_approximation",
     "lenet_fresh": "pushpull_lenet_fresh",
