@@ -51,13 +51,16 @@ def seal_holds(content: Mapping[str, Any]) -> bool:
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a table with a head, atomically; what a row lacks is left empty, truth is written as true or false."""
+    """Write a table with a head, atomically; what a row lacks is left empty, truth is written as true or false.
+
+    Bytes of a file's name that are no UTF-8 are escaped.
+    """
     table = io.StringIO()
     writer = csv.DictWriter(table, columns, extrasaction="ignore", restval="")
     writer.writeheader()
     for row in rows:
         writer.writerow({key: str(value).lower() if isinstance(value, bool) else value for key, value in row.items()})
-    write_atomically(path, lambda file: file.write(table.getvalue().encode()))
+    write_atomically(path, lambda file: file.write(table.getvalue().encode(errors="backslashreplace")))
 
 
 def read_json(path: Path) -> Any | None:

@@ -7,6 +7,7 @@ import pytest
 from pydantic import Field
 
 from sextant.cli.arguments import SPLIT, Options, parse_arguments
+from sextant.cli.console import print_mistake
 from sextant.errors import UserError
 
 
@@ -71,3 +72,13 @@ def test_a_command_line_has_no_other_keys(capsys):
 def test_an_empty_value_is_not_the_current_folder():
     with pytest.raises(UserError, match=re.escape("address= is empty: where\nusage")):
         parse_arguments(["name=a", "address="], {"name": "what", "address": "where"}, "usage")
+
+
+def test_a_key_that_is_given_twice_is_refused():
+    with pytest.raises(UserError, match="input= is given twice: photos and drive"):
+        parse_arguments(["input=photos", "output=found", "input=drive"], {"input": "", "output": ""}, "usage")
+
+
+def test_what_stands_between_colons_is_shown_as_it_is(capsys):
+    print_mistake(UserError("input=camera:x: a camera has a number", "map=zoo:office: for example"))
+    assert capsys.readouterr().err == "Error: input=camera:x: a camera has a number\nmap=zoo:office: for example\n"

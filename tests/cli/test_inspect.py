@@ -37,7 +37,8 @@ def test_a_name_of_any_characters_is_shown_as_it_is(tmp_path, monkeypatch, capsy
         (["nowhere"], "input=nowhere: there is no such file or folder"),
         (["one", "two"], "'two' is not a key=value argument"),
         ([".", "jsn=x"], "Did you mean json=x?"),
-        (["<folder>", "json=<folder>"], "cannot be written: Is a directory"),
+        (["<folder>", "json=<folder>"], "must be a file of its own that ends in .json"),
+        (["<folder>/a.json", "json=<folder>/a.json"], "must be a file of its own that ends in .json"),
     ],
 )
 def test_mistakes_are_one_message(arguments, said, tmp_path, capsys):

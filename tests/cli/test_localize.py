@@ -83,6 +83,9 @@ def test_it_says_what_predict_says(office, photos, tmp_path):
         (["input=camera:0", "odometry={odometry}"], r"odometry=.* does not go with input=camera:0"),
         (["input=camera:0", "image_topic=/a"], r"image_topic=/a does not go with input=camera:0"),
         (["input=camera:0", "smooth=true"], "smooth=true needs the last image, and input=camera:0 has none"),
+        (["input=.", "odometry=."], r"odometry=\. is a folder"),
+        (["input=.", "seed=99999999999999999999"], "must be a whole number from 0 to 2147483647"),
+        (["input=.", "particles=100000000000"], "must be a whole number from 1 to 100000"),
         (["input=.", "porte=3"], "porte"),
         (["input=.", "port=99999"], "port"),
     ],
@@ -90,8 +93,9 @@ def test_it_says_what_predict_says(office, photos, tmp_path):
 def test_mistakes(office, tmp_path, given, problem):
     (tmp_path / "odometry.csv").write_text("x,y,theta\n0,0,0\n")
     given = [word.format(odometry=tmp_path / "odometry.csv") for word in given]
+    words = {word.partition("=")[0]: word for word in (f"map={office.folder}", f"output={tmp_path / 'out'}", *given)}
     with pytest.raises(UserError, match=problem):
-        localize.main([f"map={office.folder}", f"output={tmp_path / 'out'}", *given])
+        localize.main(list(words.values()))
 
 
 def test_a_camera_is_localized_until_it_is_taken_away(office, camera, tmp_path, capsys):
@@ -260,3 +264,19 @@ def test_the_page_shows_the_steps_in_a_browser(office, tmp_path):
         assert tab.run(ended)
         assert not [each for each in tab.complaints if "ERR_CONNECTION_REFUSED" not in str(each)]
         assert all(each.startswith((addresses[0], "data:")) for each in tab.requests)
+
+
+def test_a_table_of_true_poses_is_not_replaced(office, tmp_path):
+    Image.fromarray(office.images[0]).save(tmp_path / "1.png")
+    truth = tmp_path / "poses.csv"
+    truth.write_text("file,x,y,heading\n1.png,0,0,0\n")
+    with pytest.raises(UserError, match=r"poses.csv holds other poses than those of a localizer"):
+        run(office, tmp_path, tmp_path)
+    assert truth.read_text() == "file,x,y,heading\n1.png,0,0,0\n"
+    for _ in range(2):  # its own table is
+        assert len(run(office, tmp_path / "1.png", tmp_path / "found")) == 1
+
+
+def test_a_run_is_given_as_the_map(office):
+    with pytest.raises(UserError, match="run=zoo:office: sextant localize takes a map"):
+        localize.main(["run=zoo:office", f"input={office.folder}"])

@@ -167,3 +167,20 @@ def test_a_checkpoint_of_a_task_that_is_none(tmp_path, picture, classifier, monk
     monkeypatch.setattr("sextant.runs.checkpoint.load_checkpoint", lambda path: {KEY: {"task": "dowsing"}})
     with pytest.raises(UserError, match="run=x is a model of task=dowsing"):
         predict.main(["run=x", f"input={picture}", f"output={tmp_path / 'out'}"])
+
+
+def test_what_is_found_does_not_go_among_the_photos(picture, tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        run("predict", [f"input={picture}", f"output={tmp_path}"])
+    assert f"output={tmp_path} is a folder of the photos" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [picture]
+
+
+def test_bytes_of_a_name_that_are_no_utf8_are_escaped(picture, tmp_path):
+    picture.rename(tmp_path / "caf\udce9.png")
+    run("predict", [f"input={tmp_path}", f"output={tmp_path / 'found'}", "run=zoo:digits"])
+    (line,) = (tmp_path / "found" / "predictions.csv").read_text(encoding="utf-8").splitlines()[1:]
+    assert "caf\\udce9.png" in line
+    run("predict", [f"input={tmp_path}", f"output={tmp_path / 'cameras'}"])
+    assert "caf\\udce9.png" in (tmp_path / "cameras" / "calibrations.csv").read_text(encoding="utf-8")
+    assert (tmp_path / "cameras" / "calibrations.png").is_file()

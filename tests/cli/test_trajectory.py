@@ -53,7 +53,10 @@ def test_that_most_poses_have_no_partner_is_said(files, capsys):
         (["max_gap=1"], "max_gap=1: unknown key"),
         (["<files>", "figure=plan.txt"], "figure=plan.txt must end in .png, .svg, .pdf"),
         (["<files>", "alignment=rigid"], "alignment=rigid is of the picture, and figure= is missing"),
-        (["<files>", "json=<folder>"], "cannot be written: Is a directory"),
+        (["<files>", "json=<folder>"], "json=<folder> must be a file of its own that ends in .json"),
+        (["<files>", "json=<folder>/estimate.tum"], "must be a file of its own that ends in .json"),
+        (["<files>", "json=<folder>/estimate.tum/a.json"], "json=<folder>/estimate.tum/a.json cannot be written: "),
+        (["<files>", "figure=<folder>/estimate.tum/a.png"], "figure=<folder>/estimate.tum/a.png cannot be written: "),
     ],
 )
 def test_mistakes_are_one_message(arguments, said, files, tmp_path, capsys):
@@ -62,4 +65,4 @@ def test_mistakes_are_one_message(arguments, said, files, tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         run("trajectory", given)
     assert ended.value.code == 2
-    assert said in capsys.readouterr().err
+    assert said.replace("<folder>", str(tmp_path)) in capsys.readouterr().err.replace("\n", "")

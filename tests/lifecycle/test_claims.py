@@ -332,11 +332,14 @@ def test_launcher_and_tracking_are_handed_on_and_a_board_without_verdicts_is_an_
     monkeypatch.setattr(life, "run_claims", run_none)
     slurm = ["launcher=slurm", "launcher.partition=long", "tracking=none"]
     words = ["claim=push_pull_clean", "preset=quick", f"output={tmp_path}"]
+    board = tmp_path / "claims.md"
+    board.write_text("as it was")
     for more in (slurm, ["workers=2"], ["launcher=joblib", "workers=2"]):
         with pytest.raises(SystemExit, match="2"):
             cli.run("claims", [*words, *more])
     assert handed == [slurm, ["launcher.workers=2"], ["launcher=joblib", "launcher.workers=2"]]
     assert "none of 1 claims could be decided" in capsys.readouterr().err
+    assert board.read_text() == "as it was"
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from sextant.geometry import vfov_from_focal
 from sextant.runs.resolve import resolve_run
 from sextant.trained.camera_network import trained_camera_network
 from sextant.trained.content import read_trained
+from sextant.reports.model_card import model_card
 from sextant.zoo import model_file, names, read_card
 
 REFERENCE = "zoo:calibration"
@@ -99,3 +100,11 @@ def test_photos_of_york_urban_are_blurred_and_their_fields_of_view_stay(network,
     assert float(moved.median()) < 1
     assert float(moved.quantile(0.95)) <= 2
     assert (moved <= half).all()
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_model_card_tells_how_each_was_measured(name, tmp_path):
+    card = read_card(model_file(f"zoo:{name}"))
+    page = model_card(name, [("image", "what is seen")], card["model"], None, tmp_path, card=card)
+    assert card["metrics"]["command"] in page
+    assert card["licence"] in page

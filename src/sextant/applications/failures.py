@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, get_args
 
 import cv2
 
+from sextant.applications.arguments import check_several
 from sextant.data.unusable_files import nothing_usable
 from sextant.errors import ArgumentError, UserError
 
@@ -90,14 +90,10 @@ def several(photos: Iterable[Photo], errors: Errors, argument: str = "photos") -
         argument: what the caller calls the photos.
 
     Raises:
-        ArgumentError: one path was given in place of several photos, or ``errors`` is not one of :data:`Errors`.
+        ArgumentError: what was given is not several photos, or ``errors`` is not one of :data:`Errors`.
     """
     check_errors(errors)
-    if isinstance(photos, Path | str):
-        raise ArgumentError(
-            f"{argument}={photos} is one path; several {argument} are expected",
-            f'For example Path("{photos}").glob("*.jpg")',
-        )
+    check_several(argument, photos)
     return photos
 
 

@@ -9,6 +9,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
+from sextant.applications.arguments import check_several
 from sextant.data.image_files import UnreadableImageError, decode_image, picture_bytes
 from sextant.data.upright import upright_size
 from sextant.errors import UserError
@@ -79,8 +80,7 @@ def several_pixels(
     """
     if isinstance(images, ndarray) and images.ndim == 4 and images.dtype == np.uint8 and len(images):
         return images
-    if isinstance(images, str | Path | Image.Image):
-        raise UserError("images is one image; several are expected", "Put them in a list: images=[first, second, ...]")
+    check_several("images", images)
     found: list[ndarray] = []
     for number, image in enumerate(images):
         try:
@@ -116,5 +116,6 @@ def _bytes(image: Any, size: Size | None) -> UInt8[ndarray, "h w c"]:
 
 def _unfit(pixels: ndarray, size: Size | None, fix: str) -> UserError:
     shape = "x".join(map(str, pixels.shape))
+    found = f"{pixels.dtype} {shape}" if pixels.ndim else f"of type {type(pixels.item()).__name__}"
     needed = "" if size is None else " " + "x".join(map(str, size))
-    return UserError(f"the image is {pixels.dtype} {shape}; the network takes uint8{needed}", fix)
+    return UserError(f"the image is {found}; the network takes uint8{needed}", fix)

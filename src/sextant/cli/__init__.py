@@ -1,5 +1,6 @@
 """The command line: ``sextant <verb>``, and ``train.py``, ``evaluate.py``, ``predict.py``, ``report.py`` beside it."""
 
+import io
 import sys
 from importlib import import_module
 
@@ -64,6 +65,9 @@ def run(verb: str, arguments: list[str]) -> None:
     try:
         from sextant.cli.console import reporting_mistakes
 
+        for stream in (sys.stdout, sys.stderr):  # names of files may hold bytes that are no UTF-8
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")
         with reporting_mistakes():
             _run(verb, arguments)
     except ModuleNotFoundError as missing:

@@ -124,7 +124,8 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
         usage: an example, printed by ``--help``.
 
     Raises:
-        UserError: an argument is not of that form, it is empty, or its key is unknown; names the nearest.
+        UserError: an argument is not of that form, it is empty or given twice, or its key is unknown; names the
+            nearest.
         SystemExit: after ``--help``.
     """
     if any(argument in ("-h", "--help") for argument in arguments):
@@ -144,5 +145,7 @@ def parse_arguments(arguments: Sequence[str], known: Mapping[str, str], usage: s
             )
         if not value:
             raise UserError(f"{key}= is empty: {known[key]}", usage)
+        if key in found:
+            raise UserError(f"{key}= is given twice: {found[key]} and {value}", "Leave one of them out.")
         found[key] = value
     return found

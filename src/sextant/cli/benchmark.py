@@ -10,6 +10,7 @@ from pydantic import Field
 from sextant.cli.arguments import SPLIT, Options, UserPath
 from sextant.cli.console import console
 from sextant.cli.output_folder import make_output, tell_written
+from sextant.cli.skipped_files import tell_skipped
 from sextant.errors import UserError
 
 USAGE = "sextant benchmark calibration folder=<folder, or its name in SEXTANT_DATA> [run=<run>] [output=<folder>]"
@@ -49,4 +50,6 @@ def main(arguments: Sequence[str]) -> None:
             leave_out=options.leave_out, progress=lambda done: status.update(f"{done} photos"),
         )  # fmt: skip
     console.print(found.markdown())
-    tell_written(f"{len(found.names)} photos measured", 0, write_benchmark(found, options.output))
+    tell_skipped(found.skipped)
+    written = write_benchmark(found, options.output)
+    tell_written(f"{len(found.names)} photos measured", len(found.skipped), written, "left out")

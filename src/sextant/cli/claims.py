@@ -67,6 +67,10 @@ def main(arguments: Sequence[str]) -> None:
         tables = life.run_claims(claims, options.preset, stored, overrides, TERMINAL, TERMINAL)
         output, command = default_outputs() / "claims" / options.preset, f"{command} preset={options.preset}"
     decided = life.decide_claims(claims, tables)
+    for sweep, why in tables.left_out.items():
+        console.print(f"not run: {sweep}: {why}", markup=False)
+    if not decided:
+        raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, as said above")
     chosen = options.output or (output if options.claim == "all" else None)  # the board in docs is of all
     pages = life.write_board(claims, tables, command, chosen, options.html)
     table = Table("claim", "verdict", "effect in its favour, 95 %", "asked", "seeds")
@@ -75,9 +79,5 @@ def main(arguments: Sequence[str]) -> None:
         told = seeds_told(first, claim.verdict, len(claim.counting))
         table.add_row(claim.name, claim.verdict, f"{first.effect()} {first.unit}", first.asked(), told)
     console.print(table)
-    for sweep, why in tables.left_out.items():
-        console.print(f"not run: {sweep}: {why}", markup=False)
     for page in pages:
         console.print(str(page), markup=False)
-    if not decided:
-        raise UserError(f"none of {len(claims)} claims could be decided: none of their sweeps was run, as said above")

@@ -14,8 +14,8 @@ from sextant.errors import UserError
 
 WIDTH_WITHOUT_TERMINAL = 120
 
-console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
+console = Console(highlight=False, emoji=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
+errors = Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 
 class _Shown(logging.Handler):

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console, print_key_values
+from sextant.cli.output_folder import refuse_to_lose
 from sextant.cli.skipped_files import tell_skipped
 from sextant.cli.work_progress import work_progress
 from sextant.errors import UserError
@@ -33,6 +34,7 @@ def main(arguments: Sequence[str]) -> None:
     bare = [word for word in arguments if ("=" not in word and not word.startswith("-")) or os.path.lexists(word)]
     words = [f"input={word}" if word in bare[:1] else word for word in arguments]
     options = InspectOptions.parse(words, USAGE)
+    refuse_to_lose("json", options.json_file, [options.input])
     from sextant.applications.inspection import inspect, summary
     from sextant.atomic_files import write_json
 

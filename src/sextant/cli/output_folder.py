@@ -21,6 +21,24 @@ def make_output(output: Path, key: str = "output") -> None:
         raise UserError(f"{key}={output} is not a folder that can be written to: {error.strerror}") from None
 
 
+def refuse_among(photos: Sequence[Path], output: Path) -> None:
+    """Raise a ``UserError`` if ``output`` is a folder that photos lie in.
+
+    What is found would replace files of the same names there, and its pictures would be photos the next time.
+    """
+    if output.resolve() in {photo.parent.resolve() for photo in photos}:
+        fix = f"A folder of its own: output={output / 'found'}"
+        raise UserError(f"output={output} is a folder of the photos: what is found would replace files there", fix)
+
+
+def refuse_to_lose(key: str, path: Path | None, read: Sequence[str | Path]) -> None:
+    """Raise a ``UserError`` if the JSON file that a key names is one of those that are read, or no JSON file."""
+    if path is None:
+        return
+    if path.suffix != ".json" or any(path.resolve() == Path(each).resolve() for each in read):
+        raise UserError(f"{key}={path} must be a file of its own that ends in .json", f"For example {key}=found.json")
+
+
 def tell_written(done: str, failed: int, written: Sequence[Path], why: str = "failed") -> None:
     """Print what was done, how many files were not used and why, and what was written."""
     console.print(done + (f", [red]{failed:,} {why}[/]" if failed else ""))

@@ -1,6 +1,9 @@
 """``sextant trajectory``: an estimated trajectory against its reference."""
 
-from collections.abc import Sequence
+import errno
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
@@ -9,6 +12,7 @@ from rich.table import Table
 
 from sextant.cli.arguments import Options, UserPath
 from sextant.cli.console import console
+from sextant.cli.output_folder import refuse_to_lose
 from sextant.errors import UserError
 
 USAGE = (
@@ -40,6 +44,7 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"alignment={options.alignment} is of the picture, and figure= is missing", USAGE)
     if options.figure is not None and options.figure.suffix not in PICTURES:
         raise UserError(f"figure={options.figure} must end in {', '.join(PICTURES)}", "For example figure=plan.png")
+    refuse_to_lose("json", options.json_file, files)
 
     from sextant.applications.localization.trajectories import compare_trajectories
     from sextant.atomic_files import write_json
@@ -63,15 +68,26 @@ def main(arguments: Sequence[str]) -> None:
         shown, turned = found.segments.translation_percent, found.segments.rotation_deg_per_100m
         told = f"t_rel {shown:.3g} %, r_rel {turned:.3g} deg/100 m"
         console.print(f"KITTI: {told} ({found.segments.segments:,} segments of 100 to 800 m)")
-    try:
-        if options.json_file:
+    if options.json_file:
+        with _telling("json", options.json_file):
             write_json(options.json_file, found.facts())
-        if options.figure:
-            from sextant.figures.localization.trajectory_plan import trajectory_plan
-            from sextant.figures.style import save_figure
+    if options.figure:
+        from sextant.figures.localization.trajectory_plan import trajectory_plan
+        from sextant.figures.style import save_figure
 
-            path = Path(options.figure)
-            figure = trajectory_plan(found.reference[:, :3, 3], found.aligned(options.alignment)[:, :3, 3])
+        path = options.figure
+        figure = trajectory_plan(found.reference[:, :3, 3], found.aligned(options.alignment)[:, :3, 3])
+        with _telling("figure", path):
             save_figure(figure, path.parent, path.stem, (path.suffix[1:],))
+
+
+@contextmanager
+def _telling(key: str, path: Path) -> Iterator[None]:
+    """Turn what the disk refuses inside into one message about the file that a key names."""
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        yield
     except OSError as error:
-        raise UserError(f"{error.filename or options.json_file} cannot be written: {error.strerror}") from None
+        problem = f"{key}={path} cannot be written: {error.strerror or error}"
+        raise UserError(problem, f"Name a file in a folder that you may write to: {key}=/path/{path.name}") from None

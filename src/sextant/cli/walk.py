@@ -33,8 +33,8 @@ class WalkOptions(LocalizingOptions, FocalOptions):
     """mounted: tilt and roll are the same in all images (default); by_hand: each has its own; level: none"""
     photos: int = Field(40, ge=1, examples=[40])
     """images of each camera to calibrate it by, evenly spaced; 40 unless given"""
-    rows: int | None = Field(None, ge=8, examples=[120])
-    """of the straightened images; 120 unless given"""
+    rows: int | None = Field(None, ge=8, le=1080, examples=[120])
+    """of the straightened images, 8 to 1080; 120 unless given"""
     vfov_deg: float | None = Field(None, examples=[55])
     """vertical field of view of these; the largest that both cameras cover unless given"""
     skip_bad: bool = Field(False, examples=["true"])

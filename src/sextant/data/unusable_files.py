@@ -20,4 +20,4 @@ def nothing_usable(problem: str, skipped: Mapping[str, str], fix: str | None = N
 
 def reason_alone(name: str, problem: str) -> str:
     """A problem without the name of the file that it starts with, on one line."""
-    return " ".join(problem.removeprefix(name).lstrip(": ").split())
+    return " ".join(problem.removeprefix(name).lstrip(":, ").split())

@@ -34,6 +34,15 @@ def plain(axes: Axes) -> Axes:
     return axes
 
 
+def printable(text: str) -> str:
+    r"""Text with those bytes of a file's name escaped that are no UTF-8, which Matplotlib refuses to draw.
+
+    >>> printable("caf\udce9.jpg")
+    'caf\\udce9.jpg'
+    """
+    return text.encode(errors="backslashreplace").decode()
+
+
 def save_figure(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png",)) -> list[Path]:
     """Write ``folder/name.<format>`` and return the paths; the same figure gives the same bytes.
 

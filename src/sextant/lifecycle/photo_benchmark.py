@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
@@ -45,12 +45,14 @@ class PhotoBenchmark:
         truth: their cameras.
         names: of the photos.
         methods: answers by method.
+        skipped: photos that cannot be read, with the reasons.
     """
 
     folder: Path
     truth: Truth
     names: tuple[str, ...]
     methods: dict[str, Answers]
+    skipped: dict[str, str] = field(default_factory=dict)
 
     def tables(self) -> dict[str, Table]:
         """By title: errors, intervals, and verdicts of the joint method."""
@@ -98,13 +100,14 @@ def benchmark_calibration(
         progress: is called with the number of photos done.
 
     Raises:
-        UserError: there is no photo of a known camera.
+        UserError: there is no photo of a known camera, or a table of them is wrong.
     """
     config = to_plain(compose(["task=calibration", f"sampling={sampling}"]))
     distribution: CameraDistribution = build_part(config["sampling"])
     known: list[KnownPhoto] = []
     answers: dict[Method, list[tuple[tuple[float, ...], str]]] = {method: [] for method in reversed(get_args(Method))}
-    for photo in known_photos(folder, distribution, cuts=cuts, seed=seed, leave_out=leave_out):
+    skipped: dict[str, str] = {}
+    for photo in known_photos(folder, distribution, cuts=cuts, seed=seed, leave_out=leave_out, skipped=skipped):
         (found,) = find_cameras(calibrator.network, [(photo.name, photo.image)], look_at_lines=True)
         for method, said in answers.items():
             said.append(_numbers(found, method, calibrator.network))
@@ -116,7 +119,7 @@ def benchmark_calibration(
         [photo.cluster for photo in known],
     )
     names = tuple(photo.name for photo in known)
-    return PhotoBenchmark(folder, truth, names, {method: _answers(said) for method, said in answers.items()})
+    return PhotoBenchmark(folder, truth, names, {method: _answers(said) for method, said in answers.items()}, skipped)
 
 
 def write_benchmark(found: PhotoBenchmark, output: Path) -> list[Path]:

@@ -75,14 +75,28 @@ def _origin(state: Mapping[str, Any]) -> dict[str, str]:
     return {name: text for name, text in found.items() if text}
 
 
+def _told_by(measured: Mapping[str, Any]) -> list[str]:
+    """What the card of a model of the package says: tables of sets, and single values."""
+    told = [": ".join([f"`{measured['command']}`", *filter(None, [measured.get("unit")])]) + ".\n"]
+    values = list[list[str]]()
+    for name, value in measured.items():
+        if isinstance(value, list):
+            told += [
+                f"{name}:\n",
+                TextTable(list(value[0]), [list(map(str, each.values())) for each in value]).markdown(),
+            ]
+        elif isinstance(value, Mapping):
+            values += [[f"{name}, {key}", str(inner)] for key, inner in value.items()]
+        elif name not in ("command", "unit"):
+            values.append([name, str(value)])
+    return told + ([TextTable(["", ""], values).markdown()] if values else [])
+
+
 def _metrics(run: RunDirectory | None, state: Mapping[str, Any], outputs: Path, card: Mapping[str, Any]) -> list[str]:
     own = {} if run is None else (run.results() or {}).get("metrics") or {}
     own = {name: value for name, value in own.items() if isinstance(value, int | float)}
     if not own and card:
-        found = card["metrics"]
-        sets = found["sets left out whole"]
-        table = TextTable(list(sets[0]), [list(each.values()) for each in sets])
-        return [f"`{found['command']}`: {found['unit']}.\n", table.markdown()]
+        return _told_by(card["metrics"])
     if not own:
         return ["Not known: the checkpoint lies outside of its run, or was not tested.\n"]
     alike = metrics_alike(state, outputs)

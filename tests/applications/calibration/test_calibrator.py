@@ -120,6 +120,19 @@ def test_what_is_no_photo_is_refused(calibrator, image, says):
         calibrator.calibrate(image)
 
 
+def test_a_folder_is_no_photo(calibrator, tmp_path):
+    for folder in (tmp_path, str(tmp_path), ""):
+        with pytest.raises(UserError, match="is a folder; a photo is a file"):
+            calibrator.calibrate(folder)
+
+
+@pytest.mark.parametrize(("wrong", "kind"), [(3, "int"), (None, "NoneType"), (Image.new("RGB", (80, 60)), "Image")])
+def test_what_is_not_several_photos_is_refused_with_its_type(calibrator, wrong, kind):
+    for call in (calibrator.calibrate_many, calibrator.one_camera):
+        with pytest.raises(UserError, match=f"photos is of type {kind}; several photos are expected"):
+            call(wrong)
+
+
 @pytest.fixture
 def five(tmp_path):
     """Four photos and, third, a broken file."""

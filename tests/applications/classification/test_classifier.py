@@ -53,6 +53,7 @@ def test_many_images_are_classified_as_each_alone(classifier):
         (np.zeros((16, 16), np.uint8), "uint8 16x16x1; the network takes uint8 16x16x3"),
         (np.zeros((8, 8, 3), np.uint8), "uint8 8x8x3"),
         (np.zeros((16, 16, 3)), "float64 16x16x3"),
+        (None, "of type NoneType; the network takes uint8 16x16x3"),
         ("gone.jpg", "gone.jpg cannot be read as an image"),
     ],
 )
@@ -78,6 +79,8 @@ def test_a_folder_is_not_images(classifier, tmp_path):
     for folder in (tmp_path, str(tmp_path)):
         with pytest.raises(UserError, match="is one path; several images are expected"):
             classifier.classify_many(folder)
+    with pytest.raises(UserError, match="images is of type int; several images are expected"):
+        classifier.classify_many(4)
     with pytest.raises(UserError, match="errors=ignore must be one of raise, return"):
         classifier.classify_many([], errors="ignore")
 

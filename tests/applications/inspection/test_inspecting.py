@@ -196,3 +196,18 @@ def test_real_sets_are_recognised(folder, expected, real_data):
         assert text in said_of(found), said_of(found)
     for command in (command for each in found.suggestions for command in each.commands):
         check(Command("guide.md", command))
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "told"),
+    [
+        ("lost.tum", "0 1 2 3 0 0 0 0\n1 1 2 3 0 0 0 0\n", "(tum): 2 lines cannot be used"),
+        ("a.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n", "(kitti): line 1: 12 numbers are expected"),
+        ("poses.csv", "a.jpg,1,2,3\n", "(csv): columns a.jpg, 1, 2, 3; the first line must name file, x and y"),
+    ],
+)
+def test_poses_that_cannot_be_used_are_told(file, text, told, tmp_path):
+    (tmp_path / file).write_text(text)
+    said = said_of(inspect(tmp_path / file))
+    assert f"{file} {told}" in said
+    assert "there is nothing here" not in said

@@ -337,15 +337,35 @@ def test_a_step_that_does_not_fit_the_map_is_refused_and_changes_nothing(corrido
         ({"lag": 2.5}, r"lag=2\.5 must be a whole number"),
         ({"seed": 2**70}, "seed=1180591620717411303424 must be a whole number"),
         ({"steps": -1}, "steps=-1 must be a whole number, at least 0"),
-        ({"radius": 0}, "radius=0 must be above 0 and finite"),
+        ({"radius": 0}, "radius=0 must be a number above 0 and finite"),
         ({"descriptor": np.zeros(3)}, "descriptor=ndarray describes no images"),
         ({"start": "somewhere"}, "start=somewhere must be one of uniform, appearance"),
+        ({"start": ["uniform"]}, r"start=\['uniform'\] must be one of uniform, appearance"),
+        ({"radius": "2"}, "radius='2' must be a number above 0 and finite"),
+        ({"kernel": "rbf"}, "kernel='rbf' must be of the class PoseKernel"),
+        ({"observation": "LocalGP"}, "observation='LocalGP' must be of the class ObservationModel"),
+        ({"likelihood": 1}, "likelihood=1 must be of the class Likelihood"),
+        ({"motion": "spacing"}, "motion='spacing' must be of the class MotionModel"),
+        ({"recovery": "none"}, "recovery='none' must be of the class Recovery"),
+        ({"images": None}, "images is of type NoneType; several images are expected"),
+        ({"images": Image.new("RGB", (48, 32))}, "images is of type Image; several images are expected"),
+        ({"poses": [[k * 1e-200, 0, 0] for k in range(80)]}, r"all positions lie within 7.9e-199 m, less than 1e-06"),
+        ({"poses": [[k * 1e200, 0, 0] for k in range(80)]}, r"a position of 7.9e\+201 m is further than 1e\+09"),
     ],
 )
 def test_what_makes_no_map_is_refused(corridor, change, says):
     images, poses = change.pop("images", corridor.images), change.pop("poses", corridor.poses)
     with pytest.raises(UserError, match=says):
-        Localizer.from_images(images, poses, kernel=KERNEL, **{"descriptor": Pixels(16, 24)} | change)
+        Localizer.from_images(images, poses, **{"descriptor": Pixels(16, 24), "kernel": KERNEL} | change)
+
+
+def test_what_no_map_is_opened_by_is_refused(corridor, tmp_path):
+    with pytest.raises(UserError, match="None is not a saved map: there is no such folder"):
+        Localizer.load(None)
+    corridor.localizer().save(tmp_path)
+    for part in ("motion", "recovery"):
+        with pytest.raises(UserError, match=f"{part}='none' must be of the class"):
+            Localizer.load(tmp_path, **{part: "none"})
 
 
 @pytest.mark.parametrize("pose", [[0, 0], [np.nan, 0, 0], "abc"])

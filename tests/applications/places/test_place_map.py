@@ -277,6 +277,19 @@ def test_photos_that_cannot_be_looked_up(rides, places):
     assert all(isinstance(each, FailedPhoto) for each in places.look_up_many(photos[1:], errors="return"))
 
 
+def test_arrays_that_cannot_be_looked_up_are_named_and_the_others_are_not_lost(rides, places):
+    scene(1, True).resize((30, 90)).save(rides[1] / "tall.png")
+    photos = [None, pixels(2) / 255, rides[1] / "tall.png", "gone.jpg", pixels(3)]
+    with pytest.raises(FailedPhotosError, match=r"3 of 5 photos could not be looked up\n.*photo 0: .* type NoneType"):
+        places.look_up_many(photos)
+    found = places.look_up_many(photos, errors="return")
+    assert [each.name for each in found if isinstance(each, FailedPhoto)] == ["photo 0", "photo 1", "gone.jpg"]
+    assert "float64 16x24x3; the network takes uint8" in found[1].error.problem
+    looked_up = [(i, found[i].name, found[i].best.photo.name, found[i].stretched) for i in (2, 4)]
+    assert looked_up == [(2, str(photos[2]), "001.png", True), (4, "photo 4", "003.png", False)]
+    assert all(isinstance(each, FailedPhoto) for each in places.look_up_many([None, 3], errors="return"))
+
+
 @pytest.mark.parametrize(
     ("ask", "says"),
     [
@@ -287,12 +300,24 @@ def test_photos_that_cannot_be_looked_up(rides, places):
         (lambda places, day: places.add([]), "there is no photo"),
         (lambda places, day: places.add(day / "none"), "photos=.*there is no such folder"),
         (lambda places, day: places.add(day, [(0, 0)]), r"positions has shape \(1, 2\) for 6 photos"),
-        (lambda places, day: places.look_up(day / "000.png", k=0), "k=0 must be at least 1"),
-        (lambda places, day: places.look_up_sequence([day / "000.png"], length=1), "length=1 must be at least 2"),
+        (lambda places, day: places.look_up(day / "000.png", k=0), "k=0 must be a whole number, at least 1"),
+        (lambda places, day: places.look_up_sequence([day / "000.png"], length=1), "length=1 must be a whole"),
         (lambda places, day: places.look_up(np.zeros((16, 24, 3))), "float64 16x24x3; the network takes uint8 16x24x3"),
         (lambda places, day: places.look_up(np.full((16, 24, 3), 256)), "int64 16x24x3"),
         (lambda places, day: places.look_up([[1, 2], [3]]), "the network takes uint8 16x24x3"),
-        (lambda places, day: places.add([scene(9)]), "a map keeps the names of files, and Image is none"),
+        (lambda places, day: places.add([scene(9)]), "the names of files, and a value of type Image is no file"),
+        (lambda places, day: places.add([pixels(9), pixels(8)]), "a value of type ndarray is no file"),
+        (lambda places, day: places.add(pixels(9)), "a value of type ndarray is no file"),
+        (lambda places, day: places.add(None), "a value of type NoneType is no file"),
+        (lambda places, day: places.add([None]), "a value of type NoneType is no file"),
+        (lambda places, day: places.add(day, "here"), "positions='here' must be numbers"),
+        (lambda places, day: places.add(day, [["a", "b"]] * 6), r"positions=\[\['a', 'b'\], .* must be numbers"),
+        (lambda places, day: places.add(day, [(0, 0), (0, np.inf)] * 3), "positions: that of photo 1 is infinite"),
+        (lambda places, day: places.look_up(None), "of type NoneType; the network takes uint8 16x24x3"),
+        (lambda places, day: places.look_up_many(3), "photos is of type int; several photos are expected"),
+        (lambda places, day: PlaceMap("Hog", (64, 64)), r"size=\(64, 64\) must be of the class ImageSize"),
+        (lambda places, day: PlaceMap("Hog", "big"), "size='big' must be of the class ImageSize"),
+        (lambda places, day: PlaceMap.open(None), "None is not a saved map of photos"),
         (lambda places, day: PlaceMap("Hogg"), "descriptor='Hogg' must be one of Hog, PatchNormalised, Pixels, Whit"),
         (lambda places, day: PlaceMap("whitened PCA"), "WhitenedPCA learns from images, and has seen none"),
         (lambda places, day: PlaceMap(Pixels(), temperature=0), "temperature=0 must be above 0"),
@@ -302,6 +327,26 @@ def test_photos_that_cannot_be_looked_up(rides, places):
 def test_mistakes(rides, places, ask, says):
     with pytest.raises(UserError, match=says):
         ask(places, rides[0])
+
+
+@pytest.mark.parametrize("number", [1.5, "3", None, True])
+def test_numbers_of_matches_and_of_a_sequence_are_whole(rides, places, number):
+    photo = rides[1] / "000.png"
+    for ask in (lambda: places.look_up(photo, number), lambda: places.pairs(number)):
+        with pytest.raises(ArgumentError, match=f"k={number!r} must be a whole number, at least 1"):
+            ask()
+    with pytest.raises(ArgumentError, match=f"length={number!r} must be a whole number, at least 2"):
+        places.look_up_sequence([photo], length=number)
+    with pytest.raises(ArgumentError, match="k=0 must be a whole number"):
+        places.pairs(0)
+    assert len(places.look_up(photo, np.int64(2)).matches) == 2
+
+
+@pytest.mark.parametrize("tolerance", [-1, np.nan, np.inf, "5", True])
+def test_a_tolerance_that_is_none_is_refused_when_it_is_set(places, tolerance):
+    with pytest.raises(ArgumentError, match=f"tolerance={tolerance!r} must be a finite number, at least 0, or None"):
+        places.tolerance = tolerance
+    assert places.tolerance is None
 
 
 # --- saving ----------------------------------------------------------------------------------------------------------

@@ -92,5 +92,11 @@ def test_without_poses_it_says_what_was_looked_for(images):
     (images / "poses.txt").write_text("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n")
     with pytest.raises(UserError, match=r"poses.txt: .*time 0.000000 is not after"):
         posed_images(images)
+    (images / "poses.csv").write_text("a.jpg,1,2,3\n")
+    with pytest.raises(UserError, match=r"poses.csv: columns a.jpg, 1, 2, 3; the first line must name file, x and y"):
+        posed_images(images)
+    (images / "poses.csv").write_text("")
+    with pytest.raises(UserError, match=r"poses.csv: columns \(none\)"):
+        posed_images(images)
     with pytest.raises(UserError, match="there is no such folder"):
         posed_images(images / "gone")

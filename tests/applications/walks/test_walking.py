@@ -157,7 +157,8 @@ def test_what_a_saved_map_has_of_its_own_is_not_given_again(walked, world, tmp_p
     ("wrong", "says"),
     [
         ({"descriptor": "Hogg"}, "descriptor=Hogg is none of Hog, PatchNormalised, Pixels, WhitenedPCA, nor a run"),
-        ({"rows": 4}, "rows=4 must be at least 8"),
+        ({"rows": 4}, "rows=4 must be from 8 to 1080"),
+        ({"rows": 100_000}, "rows=100000 must be from 8 to 1080"),
         ({"vfov_deg": 170}, "vfov_deg=170 must be between"),
         ({"held": "upside_down"}, "held=upside_down must be one of"),
     ],

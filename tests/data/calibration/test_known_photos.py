@@ -77,10 +77,37 @@ def test_what_is_missing_is_told(tmp_path, make, says):
         of(tmp_path / "photos")
 
 
-def test_a_value_that_is_no_number_is_named(tmp_path):
-    (tmp_path / "t.csv").write_text("file,f_px\na.png,long\n")
-    with pytest.raises(UserError, match=r"the row of a\.png has a value that is no number"):
-        of(tmp_path)
+@pytest.mark.parametrize(
+    ("rows", "says"),
+    [
+        ("a.png,long,0", r"line 2: f_px=long of a\.png must be a number from 1 to 1,000,000"),
+        *(
+            (f"a.png,90,0\nb.png,{value},0", f"line 3: f_px={value} of b")
+            for value in ("-674.9", "0", "nan", "inf", "")
+        ),
+        ("a.png,90,1000", r"line 2: tilt_deg=1000 of a\.png must be a number from -90 to 90"),
+        ("a.png,90,0\nb.png,90,0\n./a.png,90,0", r"line 4: \./a\.png is in line 2 already"),
+        ("a.png,90,0\nnope.png,90,0", r"t\.csv cannot be used as it is\n  line 3: nope\.png: no such file in"),
+    ],
+)
+def test_lines_of_a_table_that_cannot_be_used_are_told_before_a_photo_is_read(tmp_path, rows, says):
+    for name in ("a.png", "b.png"):
+        save(tmp_path / name)
+    (tmp_path / "t.csv").write_text(f"file,f_px,tilt_deg\n{rows}\n")
+    with pytest.raises(UserError, match=says):
+        next(known_photos(tmp_path, distribution()))
+
+
+def test_photos_that_cannot_be_read_are_left_out_with_the_reason(tmp_path):
+    save(tmp_path / "b.png")
+    (tmp_path / "a.png").write_text("text")
+    (tmp_path / "t.csv").write_text("file, f_px\na.png, 90\nb.png, 90\n")
+    (tmp_path / "more.csv").mkdir()
+    skipped = {}
+    assert [photo.name for photo in of(tmp_path, skipped=skipped)] == ["b.png"]
+    assert "cannot be read" in skipped[str(tmp_path / "a.png")]
+    with pytest.raises(UserError, match=r"none of its photos of known cameras can be read\n.*a\.png"):
+        of(tmp_path, leave_out=["b*"])
 
 
 def test_photos_beside_folders_are_read_first_and_folders_without_photos_skipped(tmp_path):
@@ -120,7 +147,7 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
     assert {photo.cluster for photo in of(tmp_path, cuts=1)} == {"house"}
     save(tmp_path / "a.jpg")
     (tmp_path / "list.csv").write_text("file\np.png\na.jpg\n")
-    with pytest.raises(UserError, match=r"a\.jpg is no panorama: its sides are not 2:1"):
+    with pytest.raises(UserError, match=r"line 3: a\.jpg is no panorama: its sides are not 2:1"):
         of(tmp_path, cuts=1)
 
 
@@ -128,7 +155,8 @@ def test_panoramas_of_one_scene_are_not_independent_and_a_photo_among_them_is_na
     ("name", "content", "says"),
     [
         ("t.csv", b"file,f_px\n,90\n", "line 2 has no file"),
-        ("t.csv", b"file,f_px\n\xff\xfe,90\n", "is no table in UTF-8"),
+        ("t.csv", b"file,f_px\n\xff\xfe,90\n", "cannot be read as a table in UTF-8"),
+        ("t.csv", b"file;f_px\na.png;90\n", "line 1: the columns 'file;f_px' are not separated by commas"),
         ("calibration_computed.json", b"{", "has no focal length of a camera"),
         ("calibration_computed.json", b'{"K": []}', "has no focal length of a camera"),
         ("K.txt", b"", "has no focal length of a camera"),

@@ -24,3 +24,20 @@ def test_headings_that_look_like_degrees_are_remarked(tmp_path, theta, told):
     motions, remarks = motions_of(read_odometry(path), ["a.png", "b.png"], None, path)
     assert np.isfinite(motions[1]).all()
     assert any("a column heading_deg holds degrees" in remark for remark in remarks) == told
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "has no rows"),
+        ("x;y;theta\n0;0;0\n", "is neither a table with commas nor TUM; it begins with 'x;y;theta'"),
+        ("x y theta\n0 0 0\n", "is neither a table with commas nor TUM; it begins with 'x y theta'"),
+        ("1 0 0 0 0 0 0 7\n", "1 lines cannot be used"),
+    ],
+)
+def test_what_is_neither_a_table_nor_tum_is_told_with_what_would_be(tmp_path, text, told):
+    (path := tmp_path / "odometry.csv").write_text(text)
+    with pytest.raises(UserError, match=r"x,y,theta") as error:
+        read_odometry(path)
+    assert error.value.problem.startswith(f"odometry={path}")
+    assert told in error.value.problem

@@ -59,6 +59,7 @@ GOOD = "1.0 0 0 0 0 0 0 1"
     ("lines", "told"),
     [([], "has no poses"), (["# only a comment"], "has no poses"), ([GOOD, "2.0 1 2 3"], "line 2: 8 finite numbers"),
      ([GOOD, "2.0 nan 0 0 0 0 0 1"], "line 2: 8 finite"), (["2,0,0,0,0,0,0,1"], "line 1: 8 finite"),
+     ([GOOD, "2.0 0 -1e160 3.4e38 0 0 0 1"], r"line 2: the position \(0, -1e\+160, 3.4e\+38\) is further away than"),
      ([GOOD, "2.0 0 0 0 0 0 0 0"], "line 2: the quaternion has length 0"),
      ([GOOD, "# a comment", "1.0 0 0 0 0 0 0 1"], r"line 3: time 1.000000 is not after 1.000000 of line 1"),
      ([GOOD, "0.5 0 0 0 0 0 0 1"], "time 0.500000 is not after"),

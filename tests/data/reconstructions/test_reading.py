@@ -78,6 +78,17 @@ def test_poses_that_are_none_are_named(kind, tmp_path):
     )
 
 
+@pytest.mark.parametrize("kind", WRITERS)
+def test_positions_further_away_than_any_camera_goes_are_named(kind, tmp_path):
+    file, write = WRITERS[kind]
+    poses = some_poses(3)
+    poses[1, :3, 3] = 1e160
+    with pytest.raises(
+        UserError, match=r"1 images cannot be used\n  10.jpg: the position .* is further away than 1e\+09"
+    ):
+        read(write(tmp_path / file, NAMES, poses))
+
+
 @pytest.mark.parametrize(
     ("file", "content", "said"),
     [

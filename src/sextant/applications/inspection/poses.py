@@ -93,14 +93,15 @@ def _format(path: Path) -> PosesFormat | None:
     lines = [] if suffix == ".bin" else _first_lines(path)
     if suffix == ".csv":
         header = {word.strip().lower() for word in next(csv.reader(lines[:1], skipinitialspace=True), [])}
-        return "csv" if {"file", "x", "y"} <= header else None
+        return "csv" if {"file", "x", "y"} <= header or path.name == "poses.csv" else None
     numbers = [_float(word) for word in lines[0].split()] if lines else []
     if None in numbers or len(numbers) not in (8, 12):
         return named_format(path)
     values = np.array(numbers, np.float64)
     rows = values[4:][None] if len(values) == 8 else values.reshape(3, 4)[:, :3]
     lengths = np.linalg.norm(rows, axis=1)  # of a quaternion, or of the rows of a rotation
-    if not bool((np.isnan(lengths) | (np.abs(lengths - 1) < UNIT)).all()):
+    lost = np.isnan(lengths) | (lengths == 0)  # written where tracking was lost: named, not passed over
+    if not bool((lost | (np.abs(lengths - 1) < UNIT)).all()):
         return None
     return "tum" if len(values) == 8 else "kitti"
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -22,6 +23,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from sextant.applications.arguments import check_kind, check_whole
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor
 from sextant.applications.localization.kept_filter import usual_filter, usual_radius
 from sextant.applications.localization.localizer_folder import (
@@ -32,7 +34,6 @@ from sextant.applications.localization.localizer_folder import (
 )
 from sextant.applications.localization.map_pictures import map_pictures
 from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
-from sextant.data.localization.odometry_file import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.geometry.planar import se2_compose
@@ -58,6 +59,7 @@ from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
+from sextant.worlds.trajectories import FURTHEST
 
 #: how independent one image's evidence is taken to be at most, where no traverse tells
 TEMPERING = 0.125
@@ -71,6 +73,14 @@ SAME = 0.25
 FITTED_TO = 600
 LEARNING_RATE = 0.05
 STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
+#: the classes of a localizer's parts, each with an example
+PARTS: dict[str, tuple[type, str]] = {
+    "kernel": (PoseKernel, 'PoseKernel("rbf", (2.0, 2.0), 1.0, 0.01, 0.001) of sextant.localization.pose_kernel'),
+    "observation": (ObservationModel, "LocalGP(16) of sextant.localization.observation.local_gp"),
+    "likelihood": (Likelihood, "Likelihood(tempering=0.125) of sextant.localization.likelihood"),
+    "motion": (MotionModel, "motion_of_spacing(2.0) of sextant.localization.motion.spacing"),
+    "recovery": (Recovery, "NoRecovery() of sextant.localization.recovery"),
+}
 Start = Literal["uniform", "appearance"] | Initialisation
 
 
@@ -155,12 +165,7 @@ class Localizer:
         pictures: UInt8[ndarray, "n h w c"] | None = None,
         lag: int = 0,
     ):
-        _check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
-        _check_whole("particles", particles, 1, "For example particles=1000")
-        if not 0 < radius < math.inf:
-            raise UserError(f"radius={radius} must be above 0 and finite", "For example radius=2.5, in the map's unit")
-        if not isinstance(start, Initialisation) and start not in STARTS:
-            raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
+        _check_settings(radius, particles, start, lag)
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
         self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
@@ -178,7 +183,7 @@ class Localizer:
             UserError: the seed is no whole number of at least 0.
         """
         self.seed = self.seed if seed is None else seed
-        _check_whole("seed", self.seed, 0, "For example seed=1")
+        check_whole("seed", self.seed, 0, "For example seed=1")
         self._generator = torch.Generator().manual_seed(self.seed)
         self._state: FilterState | None = None
         self._past: list[tuple[Belief, Tensor, MotionModel, Foresight]] = []
@@ -455,6 +460,7 @@ class Localizer:
         Raises:
             UserError: there is no map, it is damaged, or its descriptors are of another run.
         """
+        _check_parts(motion=motion, recovery=recovery)
         where = default_outputs() if outputs is None else Path(outputs).expanduser()
         parts = open_localizer(
             folder, where, run=run, descriptor=descriptor, motion=motion, recovery=recovery, verify=verify, trust=trust
@@ -504,7 +510,9 @@ class Localizer:
         Raises:
             UserError: the images and poses do not make a map.
         """
-        _check_whole("steps", steps, 0, "steps=60")
+        check_whole("steps", steps, 0, "steps=60")
+        _check_settings(1.0 if radius is None else radius, particles, start, lag)
+        _check_parts(kernel=kernel, observation=observation, likelihood=likelihood, motion=motion, recovery=recovery)
         images = several_pixels(images)
         where = checked_poses(poses, len(images))
         kept, rows = described_map(images, descriptor)
@@ -560,9 +568,21 @@ def _numbers(given: Any) -> Float64[ndarray, "*n"]:
         return np.empty((0, 0))
 
 
-def _check_whole(argument: str, value: int, least: int, fix: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value < 2**63:
-        raise UserError(f"{argument}={value} must be a whole number, at least {least}", fix)
+def _check_settings(radius: float, particles: int, start: Start, lag: int) -> None:
+    check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
+    check_whole("particles", particles, 1, "For example particles=1000")
+    if isinstance(radius, bool) or not isinstance(radius, Real) or not 0 < radius < math.inf:
+        raise UserError(
+            f"radius={radius!r} must be a number above 0 and finite", "For example radius=2.5, in the map's unit"
+        )
+    if not isinstance(start, Initialisation) and not (isinstance(start, str) and start in STARTS):
+        raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
+
+
+def _check_parts(**given: Any) -> None:
+    for name, part in given.items():
+        kind, fix = PARTS[name]
+        check_kind(name, part, kind, f"For example {fix}; None takes the usual one.")
 
 
 def fitted_kernel(found: DescriptorMap, steps: int = 60) -> PoseKernel:

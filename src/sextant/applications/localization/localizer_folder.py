@@ -27,6 +27,7 @@ from sextant.baselines import PlaceDescriptor, WhitenedPCA
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.evidence_scale import USUAL_ODDS
 from sextant.localization.likelihood import Likelihood
+from sextant.localization.map_prior import LEAST_SPACING
 from sextant.localization.motion import MotionModel
 from sextant.localization.observation import ObservationModel
 from sextant.localization.particle_filter import ParticleFilter
@@ -34,6 +35,7 @@ from sextant.localization.recovery import Recovery
 from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
+from sextant.worlds.trajectories import FURTHEST
 
 DESCRIPTOR, PICTURES = "descriptor", "pictures"
 #: images described at a time, by a baseline and by a network
@@ -94,7 +96,7 @@ def open_localizer(
     trust: bool = False,
 ) -> dict[str, Any]:
     """The arguments of the ``Localizer`` that was saved; see :meth:`sextant.Localizer.load`."""
-    folder = find_map(folder, outputs) or map_folder(Path(folder).expanduser())
+    folder = find_map(str(folder), outputs) or map_folder(Path(str(folder)).expanduser())
     saved = load_map(folder, verify=verify, trust=trust)
     settings = saved.facts.get("localizer")
     if settings is None:
@@ -166,7 +168,8 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
     """The poses of the images of a map.
 
     Raises:
-        UserError: there is not one for each image, there is one image, or headings look like degrees.
+        UserError: there is not one for each image, there is one image, headings look like degrees, or positions are too
+            far or too near to each other to be metres.
     """
     try:
         where = np.array(poses, np.float64)
@@ -180,6 +183,12 @@ def checked_poses(poses: Float[ndarray, "n 3"] | Sequence[Sequence[float]], imag
         raise UserError(
             f"the heading {where[turned.argmax(), 2]:g} of image {turned.argmax()} is more than twice round",
             "Poses are x, y and the heading in rad: numpy.radians of degrees.",
+        )
+    if (furthest := np.abs(where[:, :2]).max()) > FURTHEST:
+        raise UserError(f"poses: a position of {furthest:g} m is further than {FURTHEST:g}", "Give x and y in metres.")
+    if 0 < (extent := np.ptp(where[:, :2], 0).max()) < LEAST_SPACING:
+        raise UserError(
+            f"poses: all positions lie within {extent:g} m, less than {LEAST_SPACING:g}", "Give x and y in metres."
         )
     return torch.from_numpy(where)
 

@@ -13,6 +13,7 @@ from sextant.applications.localization.localizer import LocalizedPose, Localizer
 from sextant.applications.localization.map_pictures import thumbnail
 from sextant.atomic_files import write_csv
 from sextant.data.localization.pose_formats import write_tum
+from sextant.errors import ArgumentError
 
 if TYPE_CHECKING:
     from sextant.figures.localization.particle_map import ParticleFrame
@@ -109,6 +110,23 @@ class Replay:
 
         seen = any(moment.seen is not None for moment in self.kept)
         particle_replay(positions, (moment.drawn() for moment in self.kept), path, unit=unit, seen=seen)
+
+
+def refuse_to_replace_poses(output: Path) -> None:
+    """Raise an ``ArgumentError`` if there is a ``poses.csv`` that :func:`write_poses` did not write.
+
+    A table of true poses has the same name.
+    """
+    table = output / "poses.csv"
+    try:
+        head = table.read_text(encoding="utf-8", errors="replace").partition("\n")[0]
+    except OSError:
+        return
+    if not head.startswith(",".join(COLUMNS[:5])):
+        raise ArgumentError(
+            f"output={output}: {table} holds other poses than those of a localizer, and would be replaced",
+            f"A folder of its own: output={output / 'localized'}",
+        )
 
 
 def write_poses(rows: Sequence[Row], times_s: Float64[ndarray, "n"], output: Path) -> None:

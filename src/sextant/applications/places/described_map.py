@@ -1,14 +1,17 @@
 """Photos of a map as descriptors, which others are matched with as arrays."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
+from sextant.applications.arguments import check_kind, check_whole
 from sextant.applications.failures import Errors, FailedPhoto, check_errors, raise_failed
 from sextant.applications.kept_descriptor import Describes, KeptDescriptor, kept_baseline, named_baseline
 from sextant.applications.places.describing import Described, DescribedPhotos, describe, joined, without_failed
@@ -59,13 +62,14 @@ class DescribedMap:
         if self.descriptor.describer is None:
             raise ArgumentError("descriptor: it describes no images", "Give one of sextant.baselines, or a network.")
         self._describer = self.descriptor.describer
+        check_kind("size", size, ImageSize, "For example size=ImageSize(64, 96)")
         self.size = size or _size_of(self._describer)
         self.model = self.descriptor.model
         told = temperature if isinstance(temperature, Temperature) else Temperature(temperature, NO_RUN)
         if told.value is not None and not told.value > 0:
             raise ArgumentError(f"temperature={told.value:g} must be above 0", "For example temperature=0.05")
         self.temperature, self.tolerances = told, dict(tolerances)
-        self.tolerance: float | None = None
+        self._tolerance: float | None = None
         self._parts: list[DescribedPhotos] = []
         self._files: set[Path] = set()
         self._same: tuple[DescribedPhotos, float, Positives] | None = None
@@ -73,6 +77,27 @@ class DescribedMap:
     def __len__(self) -> int:
         """How many photos there are to be found."""
         return sum(len(part.index) for part in self._parts)
+
+    @property
+    def tolerance(self) -> float | None:
+        """Largest distance of one place, whose photos share its confidence.
+
+        In metres where photos were added with positions, else in photos along a ride. None, unless it was set, is the
+        run's in metres, and 0 photos.
+
+        Raises:
+            ArgumentError: it is set to what is no number of at least 0.
+        """
+        return self._tolerance
+
+    @tolerance.setter
+    def tolerance(self, value: float | None) -> None:
+        number = isinstance(value, Real) and not isinstance(value, bool)
+        if value is not None and not (number and 0 <= value < math.inf):
+            raise ArgumentError(
+                f"tolerance={value!r:.60} must be a finite number, at least 0, or None", "For example tolerance=25"
+            )
+        self._tolerance = value
 
     @property
     def described(self) -> DescribedPhotos:
@@ -109,15 +134,12 @@ class DescribedMap:
 
         Raises:
             FailedPhotosError: photos could not be described; it names all of them, and the others are in the map.
-            ArgumentError: there are no photos, some are in the map already, or there are not as many positions.
+            ArgumentError: there are no photos or they are no files, some are in the map already, or positions are not x
+                and y of each.
         """
         check_errors(errors)
         given = photo_folder(photos)
-        where = None if positions is None else np.array(positions, np.float64)
-        if where is not None and where.shape != (len(given), 2):
-            raise ArgumentError(
-                f"positions has shape {where.shape} for {len(given):,} photos", "Give x and y in metres of each photo."
-            )
+        where = None if positions is None else _positions(positions, len(given))
         files = [path.absolute() for path in given.paths]
         if twice := [path for path, count in Counter([*files, *self._files.intersection(files)]).items() if count > 1]:
             raise ArgumentError(f"photos: {twice[0]} is in the map already", "Add each photo once.")
@@ -192,8 +214,7 @@ class DescribedMap:
         Raises:
             UserError: the map is empty, or both rides are too long for sequences.
         """
-        if k < 1:
-            raise ArgumentError(f"k={k} must be at least 1", "For example k=5")
+        check_whole("k", k, 1, "For example k=5")
         described = self.described
         same = self._same_place(described) if same is None else same
         reference = described.index
@@ -211,9 +232,10 @@ class DescribedMap:
         See :func:`~sextant.applications.places.image_pairs.write_pairs`, which writes them for COLMAP.
 
         Raises:
-            ArgumentError: k is below 1.
+            ArgumentError: k is no whole number of at least 1.
             UserError: the map is empty.
         """
+        check_whole("k", k, 1, "For example k=20")
         described = self.described
         found, paths = self.match(described.index, k + 1).neighbours.indices, described.paths
         others = ([other for other in row if other != i][:k] for i, row in enumerate(found.tolist()))
@@ -226,6 +248,19 @@ class DescribedMap:
         if self._same is None or self._same[0] is not described or self._same[1] != tolerance:
             self._same = described, tolerance, same_place(described, tolerance)
         return self._same[2]
+
+
+def _positions(positions: Any, photos: int) -> Float64[ndarray, "n 2"]:
+    fix = "Give x and y in metres of each photo, nan where one is not known."
+    try:
+        where = np.array(positions, np.float64)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"positions={positions!r:.60} must be numbers, x and y of each photo", fix) from None
+    if where.shape != (photos, 2):
+        raise ArgumentError(f"positions has shape {where.shape} for {photos:,} photos", fix)
+    if np.isinf(where).any():
+        raise ArgumentError(f"positions: that of photo {np.isinf(where).any(1).argmax()} is infinite", fix)
+    return where
 
 
 def _part(photos: PhotoFolder, found: Described, positions: ndarray | None) -> DescribedPhotos:

@@ -42,16 +42,17 @@ def photo_folder(photos: PhotoFolder | Path | str | Iterable[Path | str]) -> Pho
     """Photos as those of one folder: the photo or folder that a path names, or files in the order given.
 
     Raises:
-        ArgumentError: there are none.
+        ArgumentError: there are none, or they are no files.
     """
     if isinstance(photos, PhotoFolder):
         return photos
     if isinstance(photos, Path | str):
         return photos_below(photos)
-    photos = list(photos)
-    if wrong := next((photo for photo in photos if not isinstance(photo, Path | str)), None):
+    photos = list(photos) if isinstance(photos, Iterable) else [photos]
+    if wrong := [type(photo).__name__ for photo in photos if not isinstance(photo, Path | str)]:
         raise ArgumentError(
-            f"photos: a map keeps the names of files, and {type(wrong).__name__} is none", "Give files, or a folder."
+            f"photos: a map keeps the names of files, and a value of type {wrong[0]} is no file",
+            "Give files, or a folder of photos; write pictures and arrays to files first.",
         )
     paths = [Path(os.path.abspath(Path(path).expanduser())) for path in photos]
     if not paths:

@@ -4,6 +4,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, overload
 
+from numpy import ndarray
+
+from sextant.applications.arguments import check_whole
 from sextant.applications.failures import Errors, FailedPhoto, raise_failed, several
 from sextant.applications.kept_descriptor import Describes, kept_network, load_descriptor
 from sextant.applications.pixels import AnyImage, as_pixels
@@ -13,7 +16,7 @@ from sextant.applications.places.looked_up import LookedUp, looked_up
 from sextant.applications.places.run_facts import FITTED, Temperature, fitted_confidence, run_temperature
 from sextant.applications.places.saved_map import TOLERANCES, read_facts
 from sextant.data.places.tolerance import PlaceTolerance
-from sextant.errors import ArgumentError, UserError
+from sextant.errors import UserError
 from sextant.retrieval import FlatIndex
 from sextant.retrieval.without_mean import Centring
 from sextant.runs.checkpoint import KEY
@@ -25,8 +28,9 @@ from sextant.trained.content import own_config, read_trained
 class PlaceMap(DescribedMap):
     """Photos whose places are known, and which of them show the place of another photo.
 
-    Photos are files of any kind, or bytes as arrays, lists or pictures of Pillow; of any size, turned upright by EXIF
-    and stretched to the size of the network's images. Of the map only descriptors are kept.
+    Photos of the map are files of any kind; those that are looked up may also be bytes, as arrays, lists or pictures of
+    Pillow. They are of any size, turned upright by EXIF and stretched to the size of the network's images. Of the map
+    only descriptors and the names of its files are kept.
 
     The confidence of a match is the posterior of its place over the map at the temperature that the run's test fitted
     (see :mod:`~sextant.applications.places.matching`). It supposes that the place is in the map.
@@ -43,12 +47,9 @@ class PlaceMap(DescribedMap):
         temperature: of the posterior over the map, above 0; without it matches have no confidence.
         tolerances: what counts as one place, in metres and in photos along a ride.
 
-    Attributes:
-        tolerance: largest distance of one place, whose photos share its confidence: in metres where photos were added
-            with positions, else in photos along a ride. None is the run's in metres, and 0 photos.
-
     Raises:
-        ArgumentError: the size is not known, the descriptor takes vectors alone, or the temperature is not above 0.
+        ArgumentError: the size is not known or no ``ImageSize``, the descriptor takes vectors alone, or the temperature
+            is not above 0.
     """
 
     @classmethod
@@ -107,7 +108,7 @@ class PlaceMap(DescribedMap):
         Raises:
             UserError: there is no map, it is damaged, or it is of another network than that of the run.
         """
-        folder = Path(folder).expanduser()
+        folder = Path(str(folder)).expanduser()
         facts = read_facts(folder)
         if run is not None:
             places = cls.load(run, outputs, trust=trust)
@@ -159,6 +160,7 @@ class PlaceMap(DescribedMap):
 
         Raises:
             FailedPhotosError: photos failed; it names all of them.
+            ArgumentError: k is no whole number of at least 1, or no several photos are given.
             UserError: the map is empty.
         """
         return self._look_up(photos, k, None, errors, centring)
@@ -188,24 +190,33 @@ class PlaceMap(DescribedMap):
             FailedPhotosError: photos failed; it names all of them.
             UserError: the map is empty, or both rides are too long to be compared.
         """
-        if length < 2:
-            raise ArgumentError(f"length={length} must be at least 2", "For example length=10")
+        check_whole("length", length, 2, "For example length=10")
         return self._look_up(photos, k, length, errors)
 
     def _look_up(
         self, photos: Iterable[AnyImage], k: int, sequence: int | None, errors: Errors, centring: Centring = "none"
     ) -> list[LookedUp | FailedPhoto]:
+        check_whole("k", k, 1, "For example k=5")
         photos, described = several(photos, errors), self.described
         size = (self.size.height, self.size.width, self.size.channels)
-        given = [Path(p).expanduser() if isinstance(p, Path | str) else as_pixels(p, size) for p in photos]
-        names = [f"photo {i}" if not isinstance(photo, Path) else str(photo) for i, photo in enumerate(given)]
-        found = describe(self._describer, self.size, given)
-        results: dict[int, LookedUp | FailedPhoto] = {i: failed_photo(names[i], why) for i, why in found.failed.items()}
-        raise_failed((each for _, each in sorted(results.items())), len(given), "looked up", errors)
-        good = [i for i in range(len(given)) if i not in found.failed]
+        names: list[str] = []
+        given: dict[int, Path | ndarray] = {}
+        results: dict[int, LookedUp | FailedPhoto] = {}
+        for i, photo in enumerate(photos):
+            names.append(str(Path(photo).expanduser()) if isinstance(photo, Path | str) else f"photo {i}")
+            try:
+                given[i] = Path(names[i]) if isinstance(photo, Path | str) else as_pixels(photo, size)
+            except UserError as error:
+                results[i] = FailedPhoto(names[i], error)
+        numbers = list(given)
+        found = describe(self._describer, self.size, list(given.values()))
+        results |= {numbers[j]: failed_photo(names[numbers[j]], why) for j, why in found.failed.items()}
+        raise_failed((each for _, each in sorted(results.items())), len(names), "looked up", errors)
+        good = [i for i in numbers if i not in results]
         if good:
+            far = {numbers[j] for j in found.stretched}
             matches = self.match(FlatIndex(found.rows), k, centring=centring, sequence=sequence)
             sure = fitted_confidence(self.descriptor.facts) if centring == "none" else None
-            stretched = [i in found.stretched for i in good]
+            stretched = [i in far for i in good]
             results |= zip(good, looked_up([names[i] for i in good], stretched, described, matches, sure), strict=True)
-        return [results[i] for i in range(len(given))]
+        return [results[i] for i in range(len(names))]

@@ -111,8 +111,8 @@ def check_view(rows: int, vfov_deg: float | None) -> None:
     Raises:
         UserError: there are no such rows, or no such field of view.
     """
-    if rows < 8:
-        raise ArgumentError(f"rows={rows} must be at least 8", "rows=120")
+    if not 8 <= rows <= 1080:
+        raise ArgumentError(f"rows={rows} must be from 8 to 1080", "rows=120")
     if vfov_deg is not None and not 0 < vfov_deg < 170:
         raise ArgumentError(f"vfov_deg={vfov_deg:g} must be between 0 and 170 degrees", "vfov_deg=55")
 

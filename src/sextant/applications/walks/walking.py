@@ -19,6 +19,7 @@ from sextant.applications.localization.found_map import find_map
 from sextant.applications.localization.localized_drive import ReplayKind, localize_drive
 from sextant.applications.localization.localizer import Localizer, Start
 from sextant.applications.localization.localizer_folder import check_descriptor
+from sextant.applications.localization.written_poses import refuse_to_replace_poses
 from sextant.applications.walks.posed_images import PosedImages, posed_images
 from sextant.applications.walks.shared_camera import Held, SharedCamera, check_held, check_view, shared_view
 from sextant.applications.walks.walk import Walk
@@ -100,7 +101,9 @@ def localize_walk(
         raise ArgumentError(f"photos={photos} must be at least 1", "photos=40")
     check_held(held)
     check_view(120 if rows is None else rows, vfov_deg)
-    output, calibrator = Path(output), calibrator or PhotoCalibrator.load()
+    output = Path(output)
+    refuse_to_replace_poses(output)
+    calibrator = calibrator or PhotoCalibrator.load()
     saved = find_map(map, default_outputs())
     mapped = posed_images(map, skip_bad=skip_bad) if saved is None else None
     if saved is None:

@@ -16,11 +16,11 @@ class LocalizingOptions(Options):
 
     odometry: UserPath | None = None
     """TUM trajectory, or table x,y,theta (m, rad) with a row an image; without it motion is unknown"""
-    particles: int | None = Field(None, ge=1, examples=[1000])
-    """how many; as many as the map was tested with unless given"""
+    particles: int | None = Field(None, ge=1, le=100_000, examples=[1000])
+    """how many, up to 100000; as many as the map was tested with unless given"""
     start: Literal["uniform", "appearance"] = Field("uniform", examples=["appearance"])
     """where they begin: uniform over the map (default), or appearance: where the first image is found"""
-    seed: int = Field(0, ge=0, examples=[1])
+    seed: int = Field(0, ge=0, le=2**31 - 1, examples=[1])
     """of all random numbers; 0 unless given"""
     every: int = Field(1, ge=1, examples=[10])
     """of a video or a ROS bag, every so many images; 1 unless given"""
@@ -36,6 +36,8 @@ class LocalizingOptions(Options):
     @field_validator("odometry")
     @classmethod
     def _is_there(cls, path: Path | None) -> Path | None:
+        if path is not None and path.is_dir():
+            raise UserError(f"odometry={path} is a folder", "Name the file in it: a table, or a trajectory of TUM.")
         if path is not None and not path.is_file():
             raise UserError(f"odometry={path}: there is no such file", "Leave it out if there is none.")
         return path

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sextant.applications.localization.localized_drive import localize_drive
 from sextant.applications.localization.localizer import Localizer
-from sextant.applications.localization.written_poses import Moment, Row
+from sextant.applications.localization.written_poses import Moment, Row, refuse_to_replace_poses
 from sextant.cli.console import console
 from sextant.cli.localizing.options import LocalizingOptions
 from sextant.cli.skipped_files import tell_skipped
@@ -44,6 +44,7 @@ def predict_poses(
             describe images, or the disk is full.
     """
     read = options.model_dump(include={"every", "image_topic", "odometry_topic"})
+    refuse_to_replace_poses(output)
     drive = open_drive(given, options.odometry, output, **read)
     if options.smooth and drive.endless:
         raise ArgumentError(f"smooth=true needs the last image, and input={given} has none", "Leave out smooth=.")

@@ -1,5 +1,6 @@
 """The photos of a map and of queries; imports no torch."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,8 +45,8 @@ def read_inputs(given: Mapping[str, str]) -> PlaceInputs:
 
 def refuse_overlap(photos: PhotoFolder, queries: PhotoFolder) -> None:
     """Raise a ``UserError`` if a query is a file of the map: that it finds itself would say nothing."""
-    own = {path.resolve() for path in photos.paths}
-    shared = [path for path in queries.paths if path.resolve() in own]
+    own = {os.path.realpath(path) for path in photos.paths}  # unlike Path.resolve, also of a link to itself
+    shared = [path for path in queries.paths if os.path.realpath(path) in own]
     if not shared:
         return
     first, second = photos.folder.resolve(), queries.folder.resolve()

@@ -15,9 +15,11 @@ A folder is one of
 import csv
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +32,21 @@ from sextant.data.calibration.camera_distributions import CameraDistribution
 from sextant.data.calibration.crops import crop_panoramas
 from sextant.data.photo_files import FOUND_IN_FOLDERS, find_photos
 from sextant.data.photos import read_photo
+from sextant.data.places.problem_list import problem_list
+from sextant.data.unusable_files import nothing_usable
 from sextant.errors import UserError
 
 UNKNOWN = math.nan
 #: shorter side of photos cut from panoramas, pixels
 CUT = 360
+#: numbers of a table, from the least to the most
+COLUMNS = {
+    "f_px": (1, 1_000_000),
+    "f_sfm_px": (1, 1_000_000),
+    "tilt_deg": (-90, 90),
+    "roll_deg": (-180, 180),
+    "k1": (-1000, 1000),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +78,9 @@ def known_photos(
     cuts: int = 7,
     seed: int = 0,
     leave_out: Sequence[str] = (),
+    skipped: dict[str, str] | None = None,
 ) -> Iterator[KnownPhoto]:
-    """The photos of a folder, one after the other.
+    """The photos of a folder, one after the other; all tables are checked before the first is decoded.
 
     Args:
         folder: see the module.
@@ -75,73 +88,147 @@ def known_photos(
         cuts: photos that are cut from each panorama.
         seed: of these cameras.
         leave_out: patterns of the names of files that are left out, such as ``polyhaven__*``.
+        skipped: is given the photos that cannot be read, with the reasons; they are left out.
 
     Raises:
-        UserError: the folder or a file of it is missing or broken, or it has no photo of a known camera.
+        UserError: the folder or a table's file is missing, a table is broken, the folder has no photo of a known
+            camera, or none can be read.
     """
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder", "Give a folder of photos of known cameras.")
-    found = _of_folder(folder, leave_out, lambda of, rows: _cut(of, rows, distribution, cuts, seed))
-    first = next(found, None)
-    if first is None:
-        find_photos(str(folder), None, "folder")
-        raise UserError(
-            f"{folder} has no photo of a known camera" + (" that is not left out" if leave_out else ""),
-            "Put a table beside the photos, for example photos.csv with the columns file, f_px, tilt_deg and roll_deg.",
-        )
-    yield first
-    yield from found
+    skipped = {} if skipped is None else skipped
+    photos = _of_folder(folder, leave_out, lambda at, i, row: _cut(at, i, row, distribution, cuts, seed))
+    found = False
+    for path, read in photos:
+        try:
+            for photo in read():
+                found = True
+                yield photo
+        except UserError as error:
+            skipped[str(path)] = error.problem
+    if found:
+        return
+    if skipped:
+        raise nothing_usable(f"{folder}: none of its photos of known cameras can be read", skipped)
+    find_photos(str(folder), None, "folder")
+    raise UserError(
+        f"{folder} has no photo of a known camera" + (" that is not left out" if leave_out else ""),
+        "Put a table beside the photos, for example photos.csv with the columns file, f_px, tilt_deg and roll_deg.",
+    )
 
 
 Row = dict[str, str]
+#: files, and what reads the photos of each
+Planned = list[tuple[Path, Callable[[], Iterator[KnownPhoto]]]]
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Rows by their lines, each with a name in the column ``file`` if there is one."""
+
+    path: Path
+    rows: dict[int, Row]
+    columns: tuple[str, ...]
+
+    def checked(self, there: Callable[[str], bool], panoramas: bool = False) -> list[Row]:
+        """The rows that are not left out.
+
+        Raises:
+            UserError: a file is missing, listed twice or no panorama, or a value is not allowed; names the lines.
+        """
+        rows = {line: row for line, row in self.rows.items() if there(row["file"])}
+        seen: dict[Path, int] = {}
+        problems: list[str] = []
+        for line, row in rows.items():
+            file = self.path.parent / row["file"]
+            if file in seen:
+                problems.append(f"line {line}: {row['file']} is in line {seen[file]} already")
+            elif not file.is_file():
+                problems.append(f"line {line}: {row['file']}: no such file in {self.path.parent}")
+            elif panoramas and not _is_panorama(file, unread=True):
+                problems.append(f"line {line}: {row['file']} is no panorama: its sides are not 2:1")
+            seen.setdefault(file, line)
+            problems += [f"line {line}: {problem}" for problem in _wrong_values(row)]
+        if problems:
+            raise UserError(
+                f"{self.path} cannot be used as it is\n{problem_list(problems)}",
+                "Correct these lines, or take them out.",
+            )
+        return list(rows.values())
+
+
+def _wrong_values(row: Row) -> Iterator[str]:
+    for column, (least, most) in COLUMNS.items():
+        value = row.get(column) or ""
+        if not value and not (column == "f_px" and column in row and not row.get("f_sfm_px")):
+            continue
+        try:
+            fits = least <= float(value) <= most
+        except ValueError:
+            fits = False
+        if not fits:
+            yield f"{column}={value} of {row['file']} must be a number from {least:,} to {most:,}"
 
 
 def _of_folder(
-    folder: Path, leave_out: Sequence[str], cut: Callable[[Path, list[Row]], Iterator[KnownPhoto]]
-) -> Iterator[KnownPhoto]:
+    folder: Path, leave_out: Sequence[str], cut: Callable[[Path, int, Row], Iterator[KnownPhoto]]
+) -> Planned:
     def there(name: str) -> bool:
         return not any(fnmatchcase(name, pattern) for pattern in leave_out)
 
-    tables = [rows for path in sorted(folder.glob("*.csv")) if "file" in (rows := _rows(path))[0]]
-    lenses = [rows for rows in tables if "f_px" in rows[0]]
-    panoramas = [rows for rows in tables if _is_panorama(folder / rows[0]["file"])]
+    found = [_table(path) for path in sorted(folder.glob("*.csv")) if not path.is_dir()]
+    tables = [table for table in found if "file" in table.columns and table.rows]
+    lenses = [table for table in tables if "f_px" in table.columns]
+    panoramas = [table for table in tables if _is_panorama(folder / next(iter(table.rows.values()))["file"])]
     own = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in FOUND_IN_FOLDERS and there(path.name)]
     if lenses:
-        yield from (_of_row(folder, row) for row in lenses[0] if there(row["file"]))
-    elif panoramas:
-        yield from cut(folder, [row for row in panoramas[0] if there(row["file"])])
-    elif (board := folder / "calibration_computed.json").is_file():
-        yield from _of_lens(
-            own, *_numbers(board, lambda text: (json.loads(text)["K"][0][0], json.loads(text)["dist"][0]))
-        )
-    elif (matrix := folder / "K.txt").is_file():
-        yield from _of_lens(own, *_numbers(matrix, lambda text: (text.split()[0],)))
-    else:
-        yield from _of_lens(own)
-        for inside in sorted(path for path in folder.iterdir() if path.is_dir()):
-            yield from _of_folder(inside, leave_out, cut)
+        return [(folder / row["file"], partial(_of_row, folder, row)) for row in lenses[0].checked(there)]
+    if panoramas:
+        rows = panoramas[0].checked(there, panoramas=True)
+        return [(folder / row["file"], partial(cut, folder, i, row)) for i, row in enumerate(rows)]
+    if (board := folder / "calibration_computed.json").is_file():
+        focal, k1 = _numbers(board, lambda text: (json.loads(text)["K"][0][0], json.loads(text)["dist"][0]))
+        return [(path, partial(_of_lens, path, focal, k1)) for path in own]
+    if (matrix := folder / "K.txt").is_file():
+        (focal,) = _numbers(matrix, lambda text: (text.split()[0],))
+        return [(path, partial(_of_lens, path, focal)) for path in own]
+    inside = sorted(path for path in folder.iterdir() if path.is_dir())
+    planned: Planned = [(path, partial(_of_lens, path)) for path in own]
+    return planned + [photo for each in inside for photo in _of_folder(each, leave_out, cut)]
 
 
-def _rows(path: Path) -> list[Row]:
-    """Of a table, each with a name in the column ``file`` if there is one."""
+def _table(path: Path) -> _Table:
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise UserError(f"{path} is no table in UTF-8 ({error})", "Save it as CSV in UTF-8, or take it away.") from None
-    for i, row in enumerate(rows, start=2):
-        if "file" in row and not row["file"]:
-            raise UserError(f"{path}: line {i} has no file", "Give the name of the photo's file, or take the line out.")
-    return rows or [{}]
+            reader = csv.DictReader(file, skipinitialspace=True)
+            rows: dict[int, Row] = {}
+            for row in reader:
+                rows[reader.line_num] = row
+            columns = tuple(reader.fieldnames or ())
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UserError(
+            f"{path} cannot be read as a table in UTF-8: {error}", "Save it as CSV in UTF-8, or take it away."
+        ) from None
+    if len(columns) == 1 and columns[0] != "file" and "file" in re.split(r"[;\t|]", columns[0]):
+        raise UserError(
+            f"{path}, line 1: the columns {columns[0]!r} are not separated by commas",
+            "Save it with commas: file,f_px,tilt_deg,roll_deg",
+        )
+    for line, row in rows.items():
+        if "file" in columns and not row["file"]:
+            raise UserError(
+                f"{path}: line {line} has no file", "Give the name of the photo's file, or take the line out."
+            )
+    return _Table(path, rows, columns)
 
 
-def _is_panorama(path: Path) -> bool:
-    """Whether a picture is 2:1, by its header alone."""
+def _is_panorama(path: Path, unread: bool = False) -> bool:
+    """Whether a picture is 2:1, by its header alone; ``unread`` if it cannot be read."""
     try:
         with Image.open(path) as image:
             return abs(image.width / image.height - 2) <= 0.01
     except OSError:
-        return False
+        return unread
 
 
 def _numbers(path: Path, read: Callable[[str], tuple[str | float, ...]]) -> list[float]:
@@ -149,7 +236,7 @@ def _numbers(path: Path, read: Callable[[str], tuple[str | float, ...]]) -> list
         found = [float(value) for value in read(path.read_text(encoding="utf-8-sig"))]
         if not all(map(math.isfinite, found)) or found[0] <= 0:
             raise ValueError("the focal length is not above 0")
-    except (ValueError, TypeError, LookupError) as error:
+    except (OSError, ValueError, TypeError, LookupError) as error:
         problem = f"{path} has no focal length of a camera ({error or type(error).__name__})"
         raise UserError(
             problem, "K.txt has a camera matrix of three rows; calibration_computed.json K and dist."
@@ -157,45 +244,37 @@ def _numbers(path: Path, read: Callable[[str], tuple[str | float, ...]]) -> list
     return found
 
 
-def _of_row(folder: Path, row: dict[str, str]) -> KnownPhoto:
-    try:
-        values = {
-            key: float(row[key]) if row.get(key) else UNKNOWN
-            for key in ("f_px", "f_sfm_px", "tilt_deg", "roll_deg", "k1")
-        }
-    except ValueError as error:
-        raise UserError(f"{folder}: the row of {row['file']} has a value that is no number ({error})") from None
+def _of_row(folder: Path, row: Row) -> Iterator[KnownPhoto]:
+    values = {key: float(row[key]) if row.get(key) else UNKNOWN for key in COLUMNS}
     photo = read_photo(folder / row["file"])
     focal = values["f_px"] if math.isnan(values["f_sfm_px"]) else values["f_sfm_px"]
     cluster = row.get("cluster") or (f"{row.get('source_owner')} {row['model']}" if row.get("model") else row["file"])
     tilt, roll = math.radians(values["tilt_deg"]), math.radians(values["roll_deg"])
-    return KnownPhoto(row["file"], cluster, photo.image, tilt, roll, focal / photo.height, values["k1"])
+    yield KnownPhoto(row["file"], cluster, photo.image, tilt, roll, focal / photo.height, values["k1"])
 
 
-def _of_lens(photos: Sequence[Path], focal: float | None = None, k1: float = UNKNOWN) -> Iterator[KnownPhoto]:
-    """Photos of one lens, which are not independent; each by its EXIF where ``focal`` is None."""
-    for path in photos:
-        photo = read_photo(path)
-        if known := photo.exif_focal_px if focal is None else focal:
-            lens = f"{path.parent} f={known / max(photo.width, photo.height):.3f}"
-            yield KnownPhoto(path.name, lens, photo.image, UNKNOWN, UNKNOWN, known / photo.height, k1)
+def _of_lens(path: Path, focal: float | None = None, k1: float = UNKNOWN) -> Iterator[KnownPhoto]:
+    """A photo of one lens, which is not independent of its others; by its EXIF where ``focal`` is None."""
+    photo = read_photo(path)
+    if known := photo.exif_focal_px if focal is None else focal:
+        lens = f"{path.parent} f={known / max(photo.width, photo.height):.3f}"
+        yield KnownPhoto(path.name, lens, photo.image, UNKNOWN, UNKNOWN, known / photo.height, k1)
 
 
-def _cut(folder: Path, rows: list[Row], distribution: CameraDistribution, cuts: int, seed: int) -> Iterator[KnownPhoto]:
-    for i, row in enumerate(rows):
-        file = row["file"]
-        panorama = read_photo(folder / file).image
-        if not _is_panorama(folder / file):
-            raise UserError(f"{folder / file} is no panorama: its sides are not 2:1", "Take it out of the table.")
-        draw = distribution.draw_for(np.full(cuts, i), np.arange(cuts), seed)
-        around = draw.yaw[0] + torch.arange(cuts, dtype=torch.float64) * 2 * math.pi / cuts
-        yaw = torch.remainder(around + math.pi, 2 * math.pi) - math.pi
-        for j in range(cuts):
-            camera, aspect = draw.cameras.at(torch.tensor([j])), float(draw.aspect[j])
-            width, height = (round(CUT * max(side, 1.0)) for side in (aspect, 1 / aspect))
-            (crop,) = crop_panoramas(
-                panorama, camera, yaw[j : j + 1], width, height, aspect=draw.aspect[j : j + 1],
-                k2_of_k1=distribution.k2_of_k1,
-            )  # fmt: skip
-            image = np.ascontiguousarray(np.asarray(crop).transpose(1, 2, 0))
-            yield KnownPhoto(f"{file}#{j}", row.get("cluster") or file, image, *(float(value[0]) for value in camera))
+def _cut(
+    folder: Path, i: int, row: Row, distribution: CameraDistribution, cuts: int, seed: int
+) -> Iterator[KnownPhoto]:
+    file = row["file"]
+    panorama = read_photo(folder / file).image
+    draw = distribution.draw_for(np.full(cuts, i), np.arange(cuts), seed)
+    around = draw.yaw[0] + torch.arange(cuts, dtype=torch.float64) * 2 * math.pi / cuts
+    yaw = torch.remainder(around + math.pi, 2 * math.pi) - math.pi
+    for j in range(cuts):
+        camera, aspect = draw.cameras.at(torch.tensor([j])), float(draw.aspect[j])
+        width, height = (round(CUT * max(side, 1.0)) for side in (aspect, 1 / aspect))
+        (crop,) = crop_panoramas(
+            panorama, camera, yaw[j : j + 1], width, height, aspect=draw.aspect[j : j + 1],
+            k2_of_k1=distribution.k2_of_k1,
+        )  # fmt: skip
+        image = np.ascontiguousarray(np.asarray(crop).transpose(1, 2, 0))
+        yield KnownPhoto(f"{file}#{j}", row.get("cluster") or file, image, *(float(value[0]) for value in camera))

@@ -12,14 +12,16 @@ from numpy import ndarray
 from sextant.data.localization.motions import between
 from sextant.data.localization.pose_formats import read_tum
 from sextant.errors import UserError
+from sextant.worlds.trajectories import FURTHEST
 
 #: widest gap in seconds that poses are interpolated over
 GAP_S = 5.0
-#: further than that no robot moves between two images, in any unit
-FURTHEST = 1e9
 #: an image this near to a pose in time has that pose
 SAME_S = 1e-3
-FIX = "Columns x,y,theta (metres, rad) or x,y,heading_deg, a row an image; or TUM: timestamp tx ty tz qx qy qz qw."
+FIX = (
+    "A table with commas: columns x,y,theta (metres, rad) or x,y,heading_deg, a row an image; or TUM: timestamp tx ty "
+    "tz qx qy qz qw."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +50,17 @@ def read_odometry(path: Path) -> OdometryFile:
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"odometry={path} cannot be read: {error}", FIX) from None
     first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    if not first:
+        raise UserError(f"odometry={path} has no rows", FIX)
     if "," not in first:
-        times, poses = read_tum(path)
+        if len(first.split()) != 8:
+            raise UserError(
+                f"odometry={path} is neither a table with commas nor TUM; it begins with {first[:40]!r}", FIX
+            )
+        try:
+            times, poses = read_tum(path)
+        except UserError as error:
+            raise UserError(f"odometry={error.problem}", FIX) from None
         return OdometryFile(poses, times)
     return _table(path, lines)
 

@@ -16,6 +16,7 @@ from sextant.atomic_files import write_atomically
 from sextant.data.localization.plane import to_plane
 from sextant.data.places.problem_list import problem_list
 from sextant.errors import UserError
+from sextant.worlds.trajectories import too_far
 
 #: quaternions of files are rounded: their length may differ from 1 by this
 LENGTH_TOLERANCE = 1e-2
@@ -52,7 +53,7 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
 
     Raises:
         UserError: there is no such file, it has no poses, a line has not 8 finite numbers, a quaternion is no rotation,
-            or times do not rise; names the file and the lines.
+            a position is further away than any robot goes, or times do not rise; names the file and the lines.
     """
     try:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
@@ -70,6 +71,8 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
             problems.append(f"line {number}: 8 finite numbers are expected, got {' '.join(words[:4])} ...")
         elif abs(np.linalg.norm(row[4:]) - 1) > LENGTH_TOLERANCE:
             problems.append(f"line {number}: the quaternion has length {np.linalg.norm(row[4:]):.3g}, not 1")
+        elif far := too_far(row[1:4]):
+            problems.append(f"line {number}: {far}")
         elif rows and row[0] <= rows[-1][0]:
             problems.append(f"line {number}: time {row[0]:.6f} is not after {rows[-1][0]:.6f} of line {numbers[-1]}")
         else:

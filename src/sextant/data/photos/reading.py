@@ -40,6 +40,8 @@ def read_photo(path: Path) -> Photo:
         UserError: the file is missing, empty, truncated, not a picture of a format known here, smaller than 32 pixels a
             side, or larger than 512 megapixels (JPEG) or 256 (formats that can only be decoded whole).
     """
+    if path.is_dir():
+        raise UserError(f"{path} is a folder; a photo is a file", "Give the file of a photo.")
     if not path.is_file():
         raise UserError(f"{path}: no such file")
     size = path.stat().st_size

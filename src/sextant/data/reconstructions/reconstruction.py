@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from sextant.data.image_files import natural_key
 from sextant.data.places.problem_list import problem_list
 from sextant.errors import UserError
+from sextant.worlds.trajectories import too_far
 
 #: numbers of files are rounded: a matrix that differs more from a rotation is none
 ROTATION_TOLERANCE = 1e-2
@@ -95,7 +96,7 @@ def reconstruction_of(path: Path, images: Iterable[PosedImage], remarks: Sequenc
     """The images of a file in their order.
 
     Raises:
-        UserError: there is none, or two have one name.
+        UserError: there is none, two have one name, or one is further away than any camera goes.
     """
     found = sorted(images, key=lambda image: natural_key(image.name))
     if not found:
@@ -103,6 +104,9 @@ def reconstruction_of(path: Path, images: Iterable[PosedImage], remarks: Sequenc
     twice = [one.name for one, other in pairwise(found) if one.name == other.name]
     if twice:
         raise UserError(f"{path}: {len(twice)} images have two poses\n{problem_list(twice)}", "Export it again.")
+    far = [f"{each.name}: {why}" for each in found if (why := too_far(each.world_from_camera[:3, 3].tolist()))]
+    if far:
+        raise unusable(path, far, "Correct these images, or remove them.")
     return Reconstruction(tuple(found), tuple(remarks))
 
 

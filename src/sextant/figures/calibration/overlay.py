@@ -18,7 +18,7 @@ from numpy import ndarray
 from PIL import Image
 
 from sextant.figures.calibration.horizon import horizon_curve
-from sextant.figures.style import new_figure
+from sextant.figures.style import new_figure, printable
 from sextant.geometry import (
     max_distorted_radius,
     perspective_bearings,
@@ -107,7 +107,7 @@ def calibration_overlay(photo: CalibratedPhoto) -> Figure:
     picture = min(width / photo.aspect, 9)
     figure, (axes,) = new_figure(max(width, 4.5), picture + 0.25 * len(photo.caption) + 0.5)
     _draw(axes, photo, LONGEST_SIDE, 1.0)
-    axes.set_title("\n".join(photo.caption), fontsize=9, loc="left")
+    axes.set_title(printable("\n".join(photo.caption)), fontsize=9, loc="left")
     handles: list[Artist] = [
         Line2D([], [], color=HORIZON, linewidth=2.5, label=f"horizon ({photo.horizon_is()})"),
         Line2D([], [], color=GRAVITY, marker=">", label="gravity"),
@@ -135,7 +135,7 @@ def photo_sheet(photos: Sequence[CalibratedPhoto]) -> Figure:
         cell.axis("off")
     for cell, photo in zip(axes, photos, strict=False):
         _draw(cell, photo, SHEET_SIDE, 0.45)
-        cell.set_title("\n".join(photo.caption), fontsize=7, loc="left")
+        cell.set_title(printable("\n".join(photo.caption)), fontsize=7, loc="left")
     return figure
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 from numpy import ndarray
 
-from sextant.figures.style import COLOURS, new_figure
+from sextant.figures.style import COLOURS, new_figure, printable
 
 #: keypoints that have their score beside them
 MOST_SCORES = 25
@@ -74,5 +74,5 @@ def cosfire_responses(
         cell.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
         cell.set_title(name, fontsize=8)
     if title:
-        figure.suptitle(title, fontsize=9)
+        figure.suptitle(printable(title), fontsize=9)
     return figure

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from numpy import ndarray
 
-from sextant.figures.style import COLOURS
+from sextant.figures.style import COLOURS, printable
 
 TRUTH, ESTIMATE, MAP, WALLS, WEIGHTS = COLOURS[2], COLOURS[1], "#a5a39c", "#55534c", "plasma_r"
 #: Weights are coloured over so many orders of magnitude below the largest.
@@ -127,7 +127,7 @@ def draw_frame(axes: Axes, frame: ParticleFrame) -> list[Artist]:
     )
     axes.add_collection(strokes, autolim=False)
     artists: list[Artist] = [dots, strokes]
-    axes.set_title(frame.title, fontsize=9, y=1.0)
+    axes.set_title(printable(frame.title), fontsize=9, y=1.0)
     if len(frame.path):
         artists += axes.plot(*frame.path.T, color=TRUTH, linewidth=1.0, alpha=0.7)
     if frame.estimate is not None and frame.covariance is not None:

@@ -7,7 +7,7 @@ from jaxtyping import UInt8
 from matplotlib.figure import Figure
 from numpy import ndarray
 
-from sextant.figures.style import new_figure
+from sextant.figures.style import new_figure, printable
 
 ROWS = ("as taken", "straightened", "map, where found")
 
@@ -50,5 +50,5 @@ def straightened_walk(images: Sequence[WalkedImage]) -> Figure:
                 cell.imshow(pictures[row], cmap="gray", vmin=0, vmax=255)
             if column == 0:
                 cell.set_ylabel(ROWS[row], fontsize=7)
-        axes[column].set_title(image.title, fontsize=7, pad=2)
+        axes[column].set_title(printable(image.title), fontsize=7, pad=2)
     return figure

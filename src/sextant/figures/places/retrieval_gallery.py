@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy import ndarray
 
-from sextant.figures.style import COLOURS, new_figure
+from sextant.figures.style import COLOURS, new_figure, printable
 
 RIGHT, WRONG, UNKNOWN = COLOURS[2], COLOURS[1], "0.6"
 
@@ -69,7 +69,7 @@ def retrieval_gallery(rows: Sequence[Retrieved], title: str = "") -> Figure:
             _show(cell, image, mark + told, colour)
         if row.truth is not None:
             _show(line[-1], row.truth, "the place itself", None)
-    figure.suptitle(title, fontsize=9)
+    figure.suptitle(printable(title), fontsize=9)
     return figure
 
 
@@ -78,6 +78,6 @@ def _show(cell: Axes, image: ndarray, title: str, colour: str | None) -> None:
     picture = np.squeeze(image, axis=2) if image.ndim == 3 and image.shape[2] == 1 else image
     cell.imshow(picture, cmap="gray", vmin=0, vmax=255, aspect="equal")
     cell.set(xticks=[], yticks=[])
-    cell.set_title(title, fontsize=7, pad=3, color=colour if colour in (RIGHT, WRONG) else "black")
+    cell.set_title(printable(title), fontsize=7, pad=3, color=colour if colour in (RIGHT, WRONG) else "black")
     for spine in cell.spines.values():
         spine.set(visible=colour is not None, edgecolor=colour or "none", linewidth=2.5)

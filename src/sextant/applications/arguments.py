@@ -1,0 +1,34 @@
+"""Checks of arguments that users of several applications give; imports nothing heavy."""
+
+from collections.abc import Iterable
+from numbers import Integral
+from pathlib import Path
+from typing import Any
+
+from sextant.errors import ArgumentError
+
+
+def check_whole(argument: str, value: Any, least: int, fix: str) -> None:
+    """Raise an ``ArgumentError`` if a value is no whole number, or below ``least``."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**63:
+        raise ArgumentError(f"{argument}={value!r:.60} must be a whole number, at least {least}", fix)
+
+
+def check_kind(argument: str, value: Any, kind: type, fix: str) -> None:
+    """Raise an ``ArgumentError`` if a value is given, and is of another class than ``kind``."""
+    if value is not None and not isinstance(value, kind):
+        raise ArgumentError(f"{argument}={value!r:.60} must be of the class {kind.__name__}", fix)
+
+
+def check_several(argument: str, given: Any) -> None:
+    """Raise an ``ArgumentError`` if one path, or something else that is not several, was given in place of several."""
+    if isinstance(given, Path | str):
+        raise ArgumentError(
+            f"{argument}={given} is one path; several {argument} are expected",
+            f'For example Path("{given}").glob("*.jpg")',
+        )
+    if not isinstance(given, Iterable):
+        raise ArgumentError(
+            f"{argument} is of type {type(given).__name__}; several {argument} are expected",
+            f"Give a list of them: {argument}=[first, second, ...]",
+        )
