@@ -1,12 +1,16 @@
 """The photos that a path, a folder or a pattern names; imports no torch."""
 
 import glob
+import logging
+import os
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from sextant.data.image_folder import SUFFIXES
 from sextant.errors import UserError
+
+log = logging.getLogger(__name__)
 
 #: the last two are not decoded: they are found so that they are named
 FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".avif", ".heic", ".heif")
@@ -30,7 +34,10 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
     if path.is_file():
         return [path]
     if path.is_dir():
-        candidates: Iterable[Path] = path.rglob("*")
+        candidates: Iterable[Path] = list(path.rglob("*"))
+        shut = [str(p) for p in (path, *candidates) if p.is_dir() and not os.access(p, os.R_OK | os.X_OK)]
+        if shut:
+            log.warning("%s=%s: left out, as it cannot be read: %s", key, given, ", ".join(shut))
     else:
         candidates = (Path(name) for name in glob.glob(str(path), recursive=True))
     written = None if output is None else output.resolve()

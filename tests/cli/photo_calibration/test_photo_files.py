@@ -1,6 +1,10 @@
 import csv
 import json
 import math
+import os
+import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -63,3 +67,19 @@ def test_photos_of_one_name_do_not_overwrite_each_other(tmp_path):
     paths = [photo(tmp_path / name) for name in ("a.png", "a.jpg", "x/a.png", "y/A.png", "y/a.jpg")]
     calibrate(paths, tmp_path / "out", undistort="none")
     assert len(list((tmp_path / "out").glob("*_overlay.png"))) == 5
+
+
+@pytest.mark.skipif(shutil.which("setpriv") is None or os.getuid() != 0, reason="needs setpriv, and root may read all")
+def test_a_folder_that_may_not_be_read_is_named(tmp_path):
+    photo(tmp_path / "a.png")
+    (tmp_path / "shut").mkdir()
+    photo(tmp_path / "shut" / "b.png")
+    (tmp_path / "shut").chmod(0)
+    unprivileged = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search", "--inh-caps", "-all"]
+    looks = "from sextant.data.photo_files import find_photos; import sys; print(find_photos(sys.argv[1], None))"
+    done = subprocess.run(
+        [*unprivileged, sys.executable, "-c", looks, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert "a.png" in done.stdout
+    assert "b.png" not in done.stdout
+    assert f"left out, as it cannot be read: {tmp_path / 'shut'}" in done.stderr

@@ -1,6 +1,7 @@
 """Cameras that are known beside photos, and datasets in their published layout."""
 
 import csv
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def standard_sets(folder: Path) -> dict[str, Path]:
     for overrides, file in STANDARD.items():
         for base in (here, *here.parents[:2]):
             whole = base / file
-            if whole.is_file() and (whole.is_relative_to(here)):
+            if os.path.isfile(whole) and whole.is_relative_to(here):  # False where it may not look
                 found[overrides] = base
     return found
 

@@ -7,6 +7,7 @@ the recording.
 """
 
 import io
+import os
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -45,7 +46,7 @@ ENCODINGS: dict[str, tuple[int, tuple[int, ...] | None]] = {
 
 def is_rosbag(path: Path) -> bool:
     """Whether a path is a bag by its name: a file of ROS 1, or a folder that ROS 2 recorded."""
-    return (path.suffix.lower() == FIRST and path.is_file()) or (path / METADATA).is_file()
+    return (path.suffix.lower() == FIRST and path.is_file()) or os.path.isfile(path / METADATA)
 
 
 @dataclass(frozen=True, eq=False)
