@@ -3,6 +3,7 @@ import os
 import pickle
 import resource
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,9 +63,10 @@ def test_other_files(tmp_path, content, said):
         load_checkpoint(tmp_path / "absent.ckpt")
 
 
-def test_a_full_disk_keeps_the_previous_checkpoint(tmp_path):
+def test_a_full_disk_keeps_the_previous_checkpoint(tmp_path, monkeypatch):
     path = tmp_path / "last.ckpt"
     AtomicCheckpointIO().save_checkpoint(GOOD, path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would cut that of what is imported, without a word
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:  # the system refuses to write past this size, as it refuses on a full disk

@@ -2,6 +2,7 @@ import errno
 import json
 import os
 import resource
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,9 +47,10 @@ def test_a_disk_that_is_full_at_any_file_is_one_mistake_and_keeps_what_was_writt
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limit", [100, 10_000])
-def test_a_disk_that_takes_no_more_bytes(tmp_path, two, limit, figures):
+def test_a_disk_that_takes_no_more_bytes(tmp_path, monkeypatch, two, limit, figures):
     """For real, by the limit on the size of files: at the straightened photo and at the overlay."""
     out = tmp_path / "out"
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would cut that of what is imported, without a word
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))

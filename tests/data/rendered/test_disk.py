@@ -4,6 +4,7 @@ import errno
 import multiprocessing
 import resource
 import shutil
+import sys
 from collections import namedtuple
 
 import pytest
@@ -60,6 +61,7 @@ def test_space_is_checked_before_rendering_by_what_holes_will_take(tmp_path, mon
 
 
 def lay_out_with_little_room(cache, queue):
+    sys.dont_write_bytecode = True  # Python would cut that of what is imported, without a word
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
     try:
         open_store(ToyPlan(), cache)
