@@ -278,5 +278,5 @@ def test_a_table_of_true_poses_is_not_replaced(office, tmp_path):
 
 
 def test_a_run_is_given_as_the_map(office):
-    with pytest.raises(UserError, match="run=zoo:office: sextant localize takes a map"):
+    with pytest.raises(UserError, match="run=zoo:office: here a run is given as the map"):
         localize.main(["run=zoo:office", f"input={office.folder}"])

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str]) -> None:
     """Localize the images, show them if that was asked for, and say where the results are."""
     for word in arguments:
         if word.startswith("run="):
-            raise UserError(f"{word}: sextant localize takes a map, and map= may be a run", f"map={word[4:]}")
+            raise UserError(f"{word}: here a run is given as the map", f"map={word[4:]}")
     options = LocalizeOptions.parse(arguments, USAGE)
     from sextant.applications.localization.found_map import find_map
     from sextant.cli.localizing.predict import predict_poses

@@ -35,7 +35,7 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         return [path]
     if path.is_dir():
         candidates: Iterable[Path] = list(path.rglob("*"))
-        shut = [str(p) for p in (path, *candidates) if p.is_dir() and not os.access(p, os.R_OK | os.X_OK)]
+        shut = [str(p) for p in (path, *candidates) if os.path.isdir(p) and not os.access(p, os.R_OK | os.X_OK)]
         if shut:
             log.warning("%s=%s: left out, as it cannot be read: %s", key, given, ", ".join(shut))
     else:
@@ -45,7 +45,7 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
         p
         for p in candidates
         if p.suffix.lower() in FOUND_IN_FOLDERS
-        and (p.is_file() or (p.is_symlink() and not p.exists()))  # a link to nothing is named by who reads it
+        and (os.path.isfile(p) or (os.path.islink(p) and not os.path.exists(p)))  # who reads a link to nothing names it
         and not (written and any(fnmatchcase(p.name, name) for name in WRITTEN) and p.resolve().is_relative_to(written))
     )
     if not found:

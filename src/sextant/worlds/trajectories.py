@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,6 @@ from sextant.errors import UserError
 
 #: The three rows of a rotation must be orthonormal within this tolerance.
 ROTATION_TOLERANCE = 1e-3
-#: No robot goes further than that, in any unit; of much larger numbers nothing can be computed.
-FURTHEST = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +42,8 @@ def load_kitti_poses(path: Path | str) -> Float[ndarray, "n 4 4"]:
     Source: A. Geiger, P. Lenz, R. Urtasun, "Are we ready for autonomous driving?", CVPR 2012.
 
     Raises:
-        UserError: there is no such file, it is empty, a line does not have 12 finite numbers or is further away than
-            any robot goes, or a matrix is not a rotation.
+        UserError: there is no such file, it is empty, a line does not have 12 finite numbers, or a matrix is not a
+            rotation.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -66,21 +63,8 @@ def load_kitti_poses(path: Path | str) -> Float[ndarray, "n 4 4"]:
             row = []
         if len(row) != 12 or not np.isfinite(row).all():
             raise UserError(f"{path}, line {number}: 12 numbers are expected, got {len(line)} words: {line[:3]} ...")
-        if far := too_far(row[3::4]):
-            raise UserError(f"{path}, line {number}: {far}", "Correct this line.")
         rows.append(row)
     return _as_poses(np.array(rows), path)
-
-
-def too_far(position: Sequence[float]) -> str:
-    """What is wrong with a position further away than any robot goes; "" if it is not.
-
-    >>> too_far([0.0, -1e160, 5.0])
-    'the position (0, -1e+160, 5) is further away than 1e+09'
-    """
-    if all(abs(value) <= FURTHEST for value in position):
-        return ""
-    return f"the position ({', '.join(f'{value:g}' for value in position)}) is further away than {FURTHEST:g}"
 
 
 def plane_positions(poses: Float[ndarray, "n 4 4"]) -> Float[ndarray, "n 2"]:

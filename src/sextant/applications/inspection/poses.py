@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from sextant.data.localization.pose_formats import read_tum_matrices
+from sextant.data.localization.pose_formats import read_kitti, read_tum_matrices
 from sextant.data.localization.pose_times import times_of_names
 from sextant.data.places.pose_files import read_pose_table
 from sextant.data.reconstructions import NAMED_FORMATS, named_format, read_reconstruction
 from sextant.data.reconstructions.json_file import read_foreign_json
 from sextant.data.unusable_files import reason_alone
 from sextant.errors import UserError
-from sextant.worlds.trajectories import load_cold, load_kitti_poses
+from sextant.worlds.trajectories import load_cold
 
 PosesFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps", "cold"]
 #: bytes that a file is recognised by
@@ -169,7 +169,7 @@ def _read(folder: Path, file: Path, kind: PosesFormat, around: Path | None, imag
     if kind == "cold":
         return FoundPoses(file, kind, len(load_cold(path).poses))
     if kind == "kitti":
-        poses, times = load_kitti_poses(path), None
+        poses, times = read_kitti(path), None
     else:
         times, poses = read_tum_matrices(path)
     span = None if times is None else (float(times[0]), float(times[-1]))

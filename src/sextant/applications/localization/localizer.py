@@ -34,6 +34,7 @@ from sextant.applications.localization.localizer_folder import (
 )
 from sextant.applications.localization.map_pictures import map_pictures
 from sextant.applications.pixels import AnyImage, as_pixels, several_pixels
+from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
 from sextant.evaluation.protocols import MODE_MASS
 from sextant.geometry.planar import se2_compose
@@ -59,7 +60,6 @@ from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
-from sextant.worlds.trajectories import FURTHEST
 
 #: how independent one image's evidence is taken to be at most, where no traverse tells
 TEMPERING = 0.125

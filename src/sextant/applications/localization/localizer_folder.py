@@ -24,6 +24,7 @@ from sextant.applications.localization.found_map import MAP, find_map
 from sextant.applications.localization.kept_filter import filter_of, filter_values, usual_filter, usual_radius
 from sextant.applications.localization.map_pictures import load_pictures, save_pictures
 from sextant.baselines import PlaceDescriptor, WhitenedPCA
+from sextant.data.positions import FURTHEST
 from sextant.errors import ArgumentError, UserError
 from sextant.localization.evidence_scale import USUAL_ODDS
 from sextant.localization.likelihood import Likelihood
@@ -35,7 +36,6 @@ from sextant.localization.recovery import Recovery
 from sextant.localization.saved_map import HEADER, SavedMap, load_map, save_map
 from sextant.runs.outputs_folder import default_outputs
 from sextant.runs.resolve import resolve_run
-from sextant.worlds.trajectories import FURTHEST
 
 DESCRIPTOR, PICTURES = "descriptor", "pictures"
 #: images described at a time, by a baseline and by a network

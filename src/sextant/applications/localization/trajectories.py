@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
-from sextant.data.localization.pose_formats import read_tum_matrices
+from sextant.data.localization.pose_formats import read_kitti, read_tum_matrices
 from sextant.data.reconstructions import (
     NAMED_FORMATS,
     NamedFormat,
@@ -25,7 +25,6 @@ from sextant.evaluation.localization.trajectory_error import (
     relative_errors,
     segment_errors,
 )
-from sextant.worlds.trajectories import load_kitti_poses
 
 #: numbers in a line -> format
 COLUMNS: dict[int, Literal["TUM", "KITTI"]] = {8: "TUM", 12: "KITTI"}
@@ -140,7 +139,7 @@ def compare_trajectories(
     if named:
         return _compare_named(named[0], named[-1])
     if "KITTI" in formats.values():
-        truth, guess = load_kitti_poses(reference), load_kitti_poses(estimate)
+        truth, guess = read_kitti(reference), read_kitti(estimate)
         if len(truth) != len(guess):
             raise UserError(
                 f"{reference} has {len(truth):,} poses and {estimate} {len(guess):,}; without times the i-th belongs "

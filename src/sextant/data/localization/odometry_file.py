@@ -11,8 +11,8 @@ from numpy import ndarray
 
 from sextant.data.localization.motions import between
 from sextant.data.localization.pose_formats import read_tum
+from sextant.data.positions import FURTHEST
 from sextant.errors import UserError
-from sextant.worlds.trajectories import FURTHEST
 
 #: widest gap in seconds that poses are interpolated over
 GAP_S = 5.0

@@ -17,7 +17,7 @@ from sextant.data.localization.drive_settings import DriveSettings, Split
 from sextant.data.localization.localization_data import LocalizationData, ProtocolName, first_share
 from sextant.data.localization.motions import compose, motions_along
 from sextant.data.localization.plane import AHEAD, PLANES, Ahead, Plane, to_plane
-from sextant.data.localization.pose_formats import read_tum_matrices
+from sextant.data.localization.pose_formats import read_kitti, read_tum_matrices
 from sextant.data.localization.pose_times import check_gaps, check_rising, poses_at, times_of_file, times_of_names
 from sextant.data.places.aligned import traverse_files
 from sextant.data.places.decoded_images import ImageSize, read_images
@@ -27,7 +27,6 @@ from sextant.data.places.problem_list import problem_list
 from sextant.data.reconstructions import NAMED_FORMATS, read_reconstruction
 from sextant.data.source import MissingDataError, file_sha256, first_folder
 from sextant.errors import ArgumentError
-from sextant.worlds.trajectories import load_kitti_poses
 
 PoseFormat = Literal["csv", "tum", "kitti", "colmap", "opensfm", "nerfstudio", "gps"]
 POSE_FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
@@ -324,7 +323,7 @@ class PoseFolder:
         elif self.poses == "gps":
             poses = drive_by_gps(paths, self._of_map()[0], key, notes)
         elif self.poses == "kitti":
-            poses = to_plane(load_kitti_poses(file), self.plane, self.ahead, str(file))
+            poses = to_plane(read_kitti(file), self.plane, self.ahead, str(file))
         elif self.poses != "tum":
             poses = self._named(file, folder, paths, key)
         else:

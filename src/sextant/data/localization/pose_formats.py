@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from sextant.atomic_files import write_atomically
 from sextant.data.localization.plane import to_plane
 from sextant.data.places.problem_list import problem_list
+from sextant.data.positions import too_far
 from sextant.errors import UserError
-from sextant.worlds.trajectories import too_far
+from sextant.worlds.trajectories import load_kitti_poses
 
 #: quaternions of files are rounded: their length may differ from 1 by this
 LENGTH_TOLERANCE = 1e-2
@@ -86,6 +87,19 @@ def read_tum_matrices(path: Path | str) -> tuple[Float64[ndarray, "n"], Float64[
         )
     table = np.array(rows)
     return np.ascontiguousarray(table[:, 0]), pose_matrices(table[:, 1:4], table[:, 4:])
+
+
+def read_kitti(path: Path | str) -> Float64[ndarray, "n 4 4"]:
+    """``world_from_body`` of a file of KITTI; see :func:`~sextant.worlds.trajectories.load_kitti_poses`.
+
+    Raises:
+        UserError: as there, or a position is further away than any robot goes; names the line.
+    """
+    poses = load_kitti_poses(path)
+    for number, position in enumerate(poses[:, :3, 3].tolist(), start=1):
+        if far := too_far(position):
+            raise UserError(f"{path}, line {number}: {far}", "Correct this line.")
+    return poses
 
 
 def _floats(words: list[str]) -> list[float] | None:

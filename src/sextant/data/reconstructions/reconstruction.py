@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from sextant.data.image_files import natural_key
 from sextant.data.places.problem_list import problem_list
+from sextant.data.positions import too_far
 from sextant.errors import UserError
-from sextant.worlds.trajectories import too_far
 
 #: numbers of files are rounded: a matrix that differs more from a rotation is none
 ROTATION_TOLERANCE = 1e-2
