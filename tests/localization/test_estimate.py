@@ -71,6 +71,35 @@ def test_the_heavier_of_two_places_is_chosen_and_both_are_counted():
     assert float(mean_over_all(belief_of(here, there))[0][0, 0]) == pytest.approx(15, abs=0.1)
 
 
+def test_the_covariance_is_of_the_belief_and_not_of_the_place_that_is_told():
+    """About 0 with 0.6 of the weight there and 0.4 at 30, 5: 0.4 * 30² and 0.4 * 5² are the expected squared errors."""
+    here, there = cloud((0, 0, 0), (0.3, 0.3, 0.05)), cloud((30, 5, 0), (0.3, 0.3, 0.05), seed=1)
+    found = estimate(belief_of(here, there, shares=(0.6, 0.4)), 2.0)
+    assert float(found.covariance[0, 0, 0]) == pytest.approx(0.4 * 30**2, rel=0.05)
+    assert float(found.covariance[0, 1, 1]) == pytest.approx(0.4 * 5**2, rel=0.05)
+    assert float(found.covariance[0, 2, 2]) == pytest.approx(0.05**2, rel=0.1)
+
+
+def test_a_wide_cloud_has_its_covariance_whatever_the_radius():
+    wide = belief_of(cloud((3, 1, 0), (5.0, 3.0, 0.05)))
+    covariance = estimate(wide, 1.0).covariance[0]
+    assert float(covariance[0, 0].sqrt()) == pytest.approx(5, rel=0.25)  # about the pose told, somewhere in the middle
+    assert float(covariance[1, 1].sqrt()) == pytest.approx(3, rel=0.25)
+
+
+def test_a_hundredth_all_over_the_map_is_not_counted():
+    """Which a recovery puts there; nor does another run of the batch change what is told of this one."""
+    here, anywhere = cloud((0, 0, 0), (0.3, 0.3, 0.05)), cloud((0, 0, 0), (100.0, 100.0, 1.0), seed=1)
+    sure, torn = belief_of(here, anywhere, shares=(0.995, 0.005)), belief_of(here, anywhere, shares=(0.5, 0.5))
+    alone = estimate(sure, 2.0)
+    assert float(alone.covariance[0, 0, 0].sqrt()) == pytest.approx(0.3, rel=0.05)
+    together = estimate(
+        Belief(torch.cat([sure.poses, torn.poses]), torch.cat([sure.log_weights, torn.log_weights])), 2.0
+    )
+    torch.testing.assert_close(together.covariance[0], alone.covariance[0], rtol=0, atol=0)
+    assert float(together.covariance[1, 0, 0].sqrt()) > 50
+
+
 def test_two_headings_at_one_place_are_two_modes():
     east, west = cloud((0, 0, 0), (0.1, 0.1, 0.05)), cloud((0, 0, math.pi), (0.1, 0.1, 0.05), seed=1)
     found = estimate(belief_of(east, west, shares=[0.7, 0.3]), 2.0)

@@ -13,7 +13,7 @@ NUISANCE_WITHIN = {"trainer": ("workers", "progress", "log_every"), "dataset": (
 LATER: dict[str, dict[str, Any]] = {
     "trainer": {"accumulate": 1, "patience": None, "compile": False},
     "recovery": {"window": 0},
-    "filter": {"outliers": None, "apart": None},
+    "filter": {"outliers": None, "apart": None, "regions": None},
 }
 
 

@@ -8,6 +8,11 @@ Means and covariances are weighted, with axes x, y of the map (metres) and headi
 
 .. math:: \mu = \Big(\bar x, \bar y, \bar\theta\Big), \qquad \Sigma = \sum_i W_i\, d_i d_i^\top, \qquad
    d_i = (x_i - \bar x,\; y_i - \bar y,\; \mathrm{wrap}(\theta_i - \bar\theta)).
+
+The mean is of the heaviest part, the covariance of the belief: where other places may be right as well, the pose told
+may be wrong by the way to them, and a covariance of the heaviest part alone would not say so. It is taken over the
+particles of that part and those nearest to it, until they hold 99 % of the weight; so the few that a recovery puts all
+over the map do not count.
 """
 
 import math
@@ -23,6 +28,8 @@ from sextant.localization.pose_bins import PoseBins
 
 #: Mean-shift steps.
 SHIFTS = 2
+#: The share of the belief that a covariance is of.
+BELIEVED = 0.99
 #: What a group of boxes must hold to count as a mode.
 LEAST_MODE_MASS = 0.05
 #: What a box must hold to be in a group: a mode on the corner of boxes is shared by eight of them.
@@ -37,7 +44,9 @@ class Estimate:
 
     Attributes:
         pose: its mean.
-        covariance: about the mean, of the particles within the radius only; axes x, y of the map and heading.
+        covariance: about the mean, of 99 % of the belief: the particles within the radius and the nearest others; axes
+            x, y of the map and heading.
+        mode_covariance: of the particles within the radius only.
         mass: of the particles within the radius: the filter's confidence in it.
         modes: groups of neighbouring boxes that hold more than 5 % of the mass together; 0 if the belief is spread so
             wide that no box stands out.
@@ -45,6 +54,7 @@ class Estimate:
 
     pose: Float64[Tensor, "r 3"]
     covariance: Float64[Tensor, "r 3 3"]
+    mode_covariance: Float64[Tensor, "r 3 3"]
     mass: Float64[Tensor, "r"]
     modes: Int64[Tensor, "r"]
 
@@ -65,6 +75,8 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
         >>> found = estimate(Belief.uniform(poses), radius=1.0)
         >>> found.pose.round(decimals=4).tolist(), f"{found.mass[0]:.2f}", found.modes.tolist()  # without that at 9 m
         ([[0.2, 0.0, 0.0]], '0.75', [2])
+        >>> found.covariance[0, 0, 0].sqrt().round(decimals=1).item()  # which may yet be where the robot is
+        4.4
     """
     if not (radius > 0 and heading_radius > 0):
         raise ValueError(f"radius={radius} and heading_radius={heading_radius} must be above 0")
@@ -81,7 +93,10 @@ def estimate(belief: Belief, radius: float, heading_radius: float = math.radians
         # the mean of a ring may be far from all of it: then the particles stay the same
         chosen = torch.where((nearer.sum(1) > 0)[:, None], nearer, chosen)
     shift = _mean(chosen, apart)
-    return Estimate(_moved(centre, shift), _covariance(chosen, apart, shift), chosen.sum(1), boxes.modes)
+    within = _covariance(chosen, apart, shift)
+    believed = _with_nearest(chosen, weights, apart / apart.new_tensor([radius, radius, heading_radius]))
+    whole = within if believed is chosen else _covariance(believed, apart, shift)
+    return Estimate(_moved(centre, shift), whole, within, chosen.sum(1), boxes.modes)
 
 
 def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tensor, "r 3 3"]]:
@@ -100,6 +115,19 @@ def mean_over_all(belief: Belief) -> tuple[Float64[Tensor, "r 3"], Float64[Tenso
     pose = torch.cat([_mean(weights, poses[..., :2]), wrap_angle(heading)[:, None]], dim=1)
     apart = _difference(poses, pose)
     return pose, _covariance(weights, apart, torch.zeros_like(pose))
+
+
+def _with_nearest(
+    chosen: Float64[Tensor, "r p"], weights: Float64[Tensor, "r p"], apart: Float64[Tensor, "r p 3"]
+) -> Float64[Tensor, "r p"]:
+    """The weights of the chosen particles and of the nearest others, up to ``BELIEVED`` of the weight."""
+    if bool((chosen.sum(1) >= BELIEVED).all()):
+        return chosen
+    far = torch.maximum(torch.linalg.vector_norm(apart[..., :2], dim=2), apart[..., 2].abs())
+    order = far.masked_fill(chosen > 0, -1.0).argsort(dim=1, stable=True)
+    held = weights.gather(1, order)
+    short = held.cumsum(1) - held < BELIEVED  # those nearer do not hold enough
+    return torch.maximum(chosen, torch.zeros_like(weights).scatter_(1, order, held * short))
 
 
 @dataclass(frozen=True)

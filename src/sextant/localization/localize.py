@@ -28,7 +28,8 @@ class Track:
 
     Attributes:
         pose: the mean of the heaviest mode.
-        covariance: of the particles in it.
+        covariance: about it, of 99 % of the belief (:class:`~sextant.localization.estimate.Estimate`).
+        mode_covariance: of the particles in that mode.
         mass: the share of the weight that it holds.
         modes: how many there are.
         ess: effective particles, before resampling.
@@ -40,6 +41,7 @@ class Track:
 
     pose: Float64[ndarray, "t r 3"]
     covariance: Float64[ndarray, "t r 3 3"]
+    mode_covariance: Float64[ndarray, "t r 3 3"]
     mass: Float64[ndarray, "t r"]
     modes: Int64[ndarray, "t r"]
     ess: Float64[ndarray, "t r"]
@@ -111,7 +113,7 @@ def localize(
             state, told = filter.step(state, moved, evidence, looked, generator)
         found = estimate(state.belief, radius)
         seconds[step] = time.perf_counter() - began
-        for name in ("pose", "covariance", "mass", "modes"):
+        for name in ("pose", "covariance", "mode_covariance", "mass", "modes"):
             columns.setdefault(name, []).append(getattr(found, name))
         for name in ("ess", "particles", "injected", "degenerate"):
             columns.setdefault(name, []).append(getattr(told, name))

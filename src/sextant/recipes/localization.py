@@ -50,7 +50,8 @@ class LocalizationRecipe(Recipe):
         """With the identity of the descriptor."""
         found, outputs = super().identity(config), Path(config.paths.outputs)
         if _is_laser(config):
-            found["filter"].pop("support", None)  # that of a map of images
+            for key in ("support", "regions"):  # those of a map of images
+                found["filter"].pop(key, None)
             if found["likelihood"]["tempering"] == ALONG_DRIVES:  # a scan's is fitted to single ones
                 found["likelihood"]["tempering"] = "fitted"
         return found | {"descriptor": descriptor_identity(found["descriptor"], outputs)}
@@ -145,6 +146,7 @@ class LocalizationRecipe(Recipe):
             likelihood["whitening"],
             task["validation_images"],
             partial(test_settings, config) if likelihood["tempering"] == ALONG_DRIVES else None,
+            partial(test_settings, config) if config.plain["filter"].get("regions") == ALONG_DRIVES else None,
         )
         kernel = config.plain["kernel"]
         sharper = kernel.get("sharper")
@@ -172,17 +174,18 @@ class LocalizationRecipe(Recipe):
     def record(self, module: Any, data: "LocalizationDataModule", config: Config) -> TestRecord:
         """Localize the test drives: with each fault, along each drive, with each number of particles."""
         from sextant.tasks.localization import report
+        from sextant.tasks.localization.judged import judge
+        from sextant.tasks.localization.regions import widened
         from sextant.tasks.localization.test import run_trials, short_drives
         from sextant.tasks.localization.validation import protocol_of
 
         faults, settings = _faults(config), test_settings(config, data)
         kernel = None if _is_laser(config) else module.kernel.frozen()
         with self.reporter.progress("localizing", "trials") as progress:
-            outcomes = list(
-                run_trials(data.drives, faults, settings, partial(module.observers, data), progress, kernel)
-            )
+            trials_of = run_trials(data.drives, faults, settings, partial(module.observers, data), progress, kernel)
+            outcomes = list(trials_of if _is_laser(config) else widened(trials_of, float(module.region_scale)))
         trials = [outcome.trial for outcome in outcomes]
-        found = {report.name_of(o.trial, trials): report.judge(o, data.drives) for o in outcomes}
+        found = {report.name_of(o.trial, trials): judge(o, data.drives) for o in outcomes}
         told = report.metrics(found, data.drives)  # before anything that is measured for itself adds to the peak memory
         told |= {f"test/{name}": value for name, value in module.sensor_measures(data).items() if value == value}
         files: dict[str, Callable[[Path], None]] = {"trajectories": partial(report.write_trajectories, found)}

@@ -54,6 +54,7 @@ def run_localizer(
         image_size=None if drive.images is None else tuple(drive.images.shape[1:]),  # type: ignore[arg-type]
         unit=data.drives.unit,
         particles=settings.particle_counts[-1],
+        region_scale=float(module.region_scale),
         pictures=None if drive.images is None or len(model.map) != len(drive) else map_pictures(drive.images),
         facts={
             "dataset": data.source.name,

@@ -284,13 +284,26 @@ def test_support_and_adaptation_are_saved_and_filters_of_before_have_none(street
     assert filter_of(values, localizer.model.map.poses).support is None
 
 
-def test_maps_of_before_keep_the_evidence_that_they_were_saved_with(localizer, tmp_path):
+def test_maps_of_before_keep_the_evidence_and_the_regions_that_they_were_saved_with(localizer, tmp_path):
     localizer.save(tmp_path)
     header = tmp_path / "map.json"
     content = json.loads(header.read_text())
-    del content["facts"]["localizer"]["odds"]
+    del content["facts"]["localizer"]["odds"], content["facts"]["localizer"]["region_scale"]
     write_sealed_json(header, content)
     assert Localizer.load(tmp_path).odds is None
+    assert Localizer.load(tmp_path).region_scale == 1.0
+
+
+def test_what_is_told_is_as_wide_as_drives_have_asked_for(street, tmp_path):
+    localizer = Localizer.from_images(street.images, street.poses, steps=5, particles=200)
+    plain = street.drive(localizer, count=10)[0]
+    localizer.region_scale = 3.0
+    localizer.save(tmp_path)
+    opened = Localizer.load(tmp_path)
+    for before, told in zip(plain, street.drive(opened, count=10)[0], strict=True):
+        np.testing.assert_array_equal(told.pose, before.pose)
+        np.testing.assert_allclose(told.sigmas, 3 * before.sigmas)
+        assert (told.mass, told.lost) == (before.mass, before.lost)
 
 
 def test_the_kernel_of_a_map_is_sharper_than_what_one_traverse_taught(street):

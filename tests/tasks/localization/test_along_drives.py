@@ -17,8 +17,8 @@ def told(pose, covariance, mass):
     """A track of one step and one run."""
     one = np.ones((1, 1))
     return Track(
-        np.array(pose, float)[None, None], np.array(covariance, float)[None, None], mass * one,
-        one.astype(int), one, one.astype(int), one.astype(int), one > 2, np.ones(1),
+        np.array(pose, float)[None, None], 9 * np.eye(3)[None, None], np.array(covariance, float)[None, None],
+        mass * one, one.astype(int), one, one.astype(int), one.astype(int), one > 2, np.ones(1),
     )  # fmt: skip
 
 
@@ -81,8 +81,9 @@ def test_what_a_run_finds_is_a_share_of_what_single_images_ask_for(tmp_path_fact
     cache, found = office_cache(tmp_path_factory), {}
     for tempering in ("fitted", "along_drives"):
         config = office_config(
-            cache, tmp_path, *SHARP, "task.horizon=60", "task.save_map=false", f"likelihood.tempering={tempering}"
-        )
+            cache, tmp_path, *SHARP, "task.horizon=60", "task.save_map=false", f"likelihood.tempering={tempering}",
+            "filter.regions=null",
+        )  # fmt: skip
         found[tempering] = RunDirectory(execute(config).directory).results()["metrics"]
     halvings = math.log2(found["fitted"]["val/tempering"] / found["along_drives"]["val/tempering"])
     assert halvings > 0

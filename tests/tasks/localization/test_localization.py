@@ -5,19 +5,23 @@ import json
 import numpy as np
 import pytest
 import torch
+import yaml
 from tiny_office import office_cache, office_config
 
 from sextant.applications.localization.localizer import Localizer
 from sextant.cli import evaluate
+from sextant.config import validate
 from sextant.errors import UserError
 from sextant.lifecycle.execute import execute
 from sextant.localization.map_support import MapSupport
 from sextant.localization.observation.evidence import Evidence
 from sextant.localization.observers import Camera
 from sextant.recipes.descriptors import BaselineDescriber
+from sextant.recipes.trained_model import model_from_checkpoint
 from sextant.runs.checkpoint import KEY, load_checkpoint
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.localization.module import Localization
+from sextant.trained.content import read_trained
 
 #: four values of the loss, one an epoch of ten steps
 USUAL = ("trainer.max_epochs=4",)
@@ -185,6 +189,30 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_for_bit(usual, run, tm
     assert logged(resumed, "train/loss") == logged(usual, "train/loss")
     for name, values in arrays(usual).items():
         np.testing.assert_array_equal(values, arrays(resumed)[name])
+
+
+def test_wider_regions_change_nothing_but_what_is_told_of_them(usual, run):
+    """Success, errors and the evidence are as without."""
+    narrow = run(*USUAL, "filter.regions=null")
+    assert narrow.path != usual.path
+    for name, values in arrays(usual).items():
+        np.testing.assert_array_equal(values, arrays(narrow)[name])
+    scale = logged(usual, "val/region_scale")[-1]
+    assert scale > 1
+    assert logged(narrow, "val/region_scale")[-1] == 1
+    told, before = metrics(usual), metrics(narrow)
+    for key in (key for key in told if "nees_median" in key):
+        assert told[key] == pytest.approx(before[key] / scale**2)
+    for key in (key for key in told if "coverage_95" in key):
+        assert told[key] >= before[key]
+
+
+def test_a_localizer_of_before_tells_what_its_filter_believes(usual):
+    content = read_trained(usual.last_checkpoint)
+    del content["state_dict"]["region_scale"]
+    config = validate(yaml.safe_load(usual.config.read_text()))
+    module = model_from_checkpoint(config, content, usual.last_checkpoint)
+    assert float(module.region_scale) == 1.0
 
 
 def test_the_same_run_is_not_done_twice(usual, run):

@@ -90,7 +90,8 @@ class LocalizedPose:
 
     Attributes:
         pose: x, y in the unit of the map and heading in rad, of the heaviest mode.
-        covariance: of the particles in it.
+        covariance: of where the robot may be, about the pose: 99 % of the belief, other places that may be right
+            with it.
         mass: the share of the weight that it holds.
         modes: how many there are.
         lost: it holds less than half of the weight, or the images of late were not foreseen.
@@ -141,9 +142,12 @@ class Localizer:
         facts: what else is kept with the map, as plain values.
         pictures: of the map's images, small, to be looked at; None for none.
         lag: steps that :meth:`past` smooths.
+        region_scale: what standard deviations are multiplied by before they are told, as
+            :mod:`sextant.tasks.localization.regions` learns it.
 
     Raises:
-        UserError: there is to be no particle, there is no such start, or the lag is negative.
+        UserError: there is to be no particle, there is no such start, the lag is negative, or a radius or scale is no
+            number above 0.
     """
 
     def __init__(
@@ -164,12 +168,13 @@ class Localizer:
         facts: dict[str, Any] | None = None,
         pictures: UInt8[ndarray, "n h w c"] | None = None,
         lag: int = 0,
+        region_scale: float = 1.0,
     ):
-        _check_settings(radius, particles, start, lag)
+        _check_settings(radius, particles, start, lag, region_scale)
         self.model, self.likelihood, self.filter, self.radius = model, likelihood, filter, radius
         self.descriptor, self.image_size, self.unit = descriptor or KeptDescriptor(), image_size, unit
         self.particles, self.adapts, self.seed, self.facts = particles, adapts, seed, dict(facts or {})
-        self.lag, self.pictures, self.odds = lag, pictures, odds
+        self.lag, self.pictures, self.odds, self.region_scale = lag, pictures, odds, region_scale
         self._start = start if isinstance(start, Initialisation) else STARTS[start]()
         self._spacing = map_spacing(filter.prior.poses)
         self.reset()
@@ -298,7 +303,7 @@ class Localizer:
         support = self.filter.support
         return LocalizedPose(
             found.pose[0].numpy(),
-            found.covariance[0].numpy(),
+            self.region_scale**2 * found.covariance[0].numpy(),
             mass,
             int(found.modes[0]),
             mass < MODE_MASS or foresight.failed,
@@ -568,13 +573,15 @@ def _numbers(given: Any) -> Float64[ndarray, "*n"]:
         return np.empty((0, 0))
 
 
-def _check_settings(radius: float, particles: int, start: Start, lag: int) -> None:
+def _check_settings(radius: float, particles: int, start: Start, lag: int, region_scale: float = 1.0) -> None:
     check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
     check_whole("particles", particles, 1, "For example particles=1000")
-    if isinstance(radius, bool) or not isinstance(radius, Real) or not 0 < radius < math.inf:
-        raise UserError(
-            f"radius={radius!r} must be a number above 0 and finite", "For example radius=2.5, in the map's unit"
-        )
+    for name, value, fix in (
+        ("radius", radius, "For example radius=2.5, in the map's unit"),
+        ("region_scale", region_scale, "region_scale=1.0"),
+    ):
+        if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < math.inf:
+            raise UserError(f"{name}={value!r} must be a number above 0 and finite", fix)
     if not isinstance(start, Initialisation) and not (isinstance(start, str) and start in STARTS):
         raise UserError(f"start={start} must be one of {', '.join(STARTS)}", "start=uniform")
 

@@ -55,6 +55,7 @@ class Saveable(Protocol):
     particles: int
     adapts: bool
     odds: float | None
+    region_scale: float
     image_size: tuple[int, int, int] | None
     descriptor: KeptDescriptor
     facts: dict[str, Any]
@@ -73,6 +74,7 @@ def save_localizer(localizer: Saveable, folder: Path) -> None:
         "particles": localizer.particles,
         "adapts": localizer.adapts,
         "odds": localizer.odds,
+        "region_scale": localizer.region_scale,
         "image_size": localizer.image_size,
         "descriptor": localizer.descriptor.identity,
     }
@@ -131,6 +133,7 @@ def open_localizer(
             "particles": int(settings["particles"]),
             "adapts": settings.get("adapts", False) is True,  # maps of before do not
             "odds": None if settings.get("odds") is None else float(settings["odds"]),
+            "region_scale": float(settings.get("region_scale", 1.0)),
             "facts": saved.facts.get("about", {}),
             "pictures": load_pictures(folder / PICTURES, len(saved.model.map), verify=verify),
         }

@@ -8,9 +8,10 @@ filter along the validation drives, the mean over all steps of
 
 .. math:: -\log\!\big(m\, \mathcal N(x^*;\, \hat x, P) + (1 - m) / V\big) :
 
-the density of the true pose :math:`x^*` under a Gaussian at the reported pose :math:`\hat x` with its covariance P,
-weighted by the mass m of its mode, and under a uniform density over the volume V of the map. Shares 1, 1/2, 1/4, ...
-are tried until two in a row are no better, and of these the largest within a standard error of the best is taken.
+the density of the true pose :math:`x^*` under a Gaussian at the reported pose :math:`\hat x` with the covariance P of
+its mode, weighted by the mass m of that mode, and under a uniform density over the volume V of the map. Shares 1, 1/2,
+1/4, ... are tried until two in a row are no better, and of these the largest within a standard error of the best is
+taken.
 
 Sources: P. Grünwald, "The Safe Bayesian", ALT 2012, which chooses the power of a likelihood by the logarithmic loss of
 predictions along a sequence; L. Breiman et al., "Classification and Regression Trees", 1984, for the rule of one
@@ -18,7 +19,7 @@ standard error.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,7 @@ from sextant.evaluation.localization.pose_posterior import PLANE, RAILWAY, pose_
 from sextant.localization.localize import Track
 from sextant.localization.map_prior import half_spacing
 from sextant.localization.pose_kernel import PoseKernel
-from sextant.tasks.localization.test import MakeObservers, TestSettings, run_trials
+from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings, run_trials
 
 #: runs along each validation drive, and steps of each, at most; the test's have no part in it
 RUNS, STEPS = 4, 100
@@ -86,12 +87,33 @@ def reported_pose_nll(
         volume: V, of the map, in its unit, squared but for a railway, and times rad.
     """
     error = pose_errors(truth, track.pose)[..., axes]
-    covariance = track.covariance[..., axes, :][..., axes] + np.diag(np.square(floor))[axes, :][:, axes]
+    covariance = track.mode_covariance[..., axes, :][..., axes] + np.diag(np.square(floor))[axes, :][:, axes]
     squared = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(-1)
     density = -(squared + np.linalg.slogdet(covariance)[1] + len(axes) * math.log(2 * math.pi)) / 2
     mass = (1 - BACKGROUND) * np.clip(track.mass, 0.0, 1.0)
     with np.errstate(divide="ignore"):
         return np.asarray(-np.logaddexp(np.log(mass) + density, np.log1p(-mass) - math.log(volume)))
+
+
+def for_validation(drives: LocalizationData) -> LocalizationData:
+    """The validation drives in their map, in place of those of the test."""
+    where = drives.map if drives.validation_map is None else drives.validation_map
+    return replace(drives, map=where, test=drives.validation, validation=(), validation_map=None)
+
+
+def outcomes_along(
+    drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
+) -> Iterator[Outcome]:
+    """The filter along the validation drives, a few runs of each, with all particles and without faults."""
+    usual = replace(
+        settings,
+        particle_counts=(max(settings.particle_counts),),
+        starts=RUNS,
+        horizon=STEPS,
+        every=1,
+        replay=False,
+    )
+    yield from run_trials(for_validation(drives), {"none": NoFault()}, usual, make_observers, kernel=kernel)
 
 
 def nll_along(
@@ -105,22 +127,13 @@ def nll_along(
         make_observers: as for :func:`~sextant.tasks.localization.test.run_trials`.
         kernel: that was learnt.
     """
-    where = drives.map if drives.validation_map is None else drives.validation_map
-    validation = replace(drives, map=where, test=drives.validation, validation=(), validation_map=None)
-    usual = replace(
-        settings,
-        particle_counts=(max(settings.particle_counts),),
-        starts=RUNS,
-        horizon=STEPS,
-        every=1,
-        replay=False,
-    )
+    where = for_validation(drives).map
     spacing = 2 * half_spacing(torch.from_numpy(where.poses))
     across = np.ptp(where.poses[:, :2], axis=0) + 2 * spacing
     axes, volume = (PLANE, across.prod() * 2 * math.pi) if drives.unit == "m" else (RAILWAY, across[0])
     floor = (FLOOR * spacing, FLOOR * spacing, FLOOR_HEADING)
     scores = []
-    for outcome in run_trials(validation, {"none": NoFault()}, usual, make_observers, kernel=kernel):
+    for outcome in outcomes_along(drives, settings, make_observers, kernel):
         runs = outcome.runs
         nll = reported_pose_nll(runs.poses, outcome.track, axes, floor, float(volume))[runs.inside]
         stretch = runs.frames[runs.inside] // STRETCH

@@ -29,6 +29,7 @@ from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.pose_kernel import PoseKernel, Spatial
 from sextant.tasks.localization.along_drives import best_share, nll_along
+from sextant.tasks.localization.regions import scale_along
 from sextant.tasks.localization.sensor_measures import descriptor_nll, looked_at, sensor_cost, timed
 from sextant.tasks.localization.test import TestSettings
 from sextant.tasks.localization.validation import (
@@ -56,6 +57,8 @@ class Calibration:
         images: of the validation drives that are considered.
         settings: of the filter that goes along them, for :mod:`sextant.tasks.localization.along_drives`, whose
             tempering belongs to this filter; None leaves the tempering as single images ask for it.
+        regions: of the filter whose regions are widened by :mod:`sextant.tasks.localization.regions`; None leaves them
+            as the filter believes.
     """
 
     likelihood: Likelihood
@@ -64,6 +67,7 @@ class Calibration:
     whitening: bool
     images: int
     settings: Callable[[LocalizationDataModule], TestSettings] | None = None
+    regions: Callable[[LocalizationDataModule], TestSettings] | None = None
 
 
 class Localization(pl.LightningModule):
@@ -84,6 +88,7 @@ class Localization(pl.LightningModule):
     monitor, monitor_mode = "val/place_nll", "min"
     whitener: Tensor
     fitted: Tensor
+    region_scale: Tensor
 
     def __init__(
         self,
@@ -108,6 +113,7 @@ class Localization(pl.LightningModule):
         self.optimizer_factory, self.schedule = optimizer, schedule
         self.step_losses = StepLosses(log_every)
         self.register_buffer("whitener", torch.eye(dimension if calibration.whitening else 0, dtype=torch.float64))
+        self.register_buffer("region_scale", torch.tensor(1.0, dtype=torch.float64))
         self.register_buffer("fitted", torch.tensor([1.0, 0.0], dtype=torch.float64))  # tempering, appearance noise
         self._conditioning: tuple[DescriptorMap, Conditioning] | None = None
         self._fitted_map: tuple[Drive, PoseKernel, ObservationModel] | None = None
@@ -187,14 +193,17 @@ class Localization(pl.LightningModule):
         else:
             likelihood = replace(likelihood, tempering=wanted.likelihood.tempering)
         self.fitted.copy_(self.fitted.new_tensor([likelihood.tempering, likelihood.appearance_variance]))
+        make = partial(self.observers, data)
         if wanted.fit_tempering and wanted.settings is not None:
-            settings, of_one, make = wanted.settings(data), likelihood.tempering, partial(self.observers, data)
+            settings, of_one = wanted.settings(data), likelihood.tempering
 
             def scores(share: float) -> Float64[ndarray, " b"]:
                 self.fitted[0] = share * of_one
                 return nll_along(data.drives, settings, make, self.kernel.frozen())
 
             self.fitted[0] = best_share(scores) * of_one
+        if wanted.regions is not None:
+            self.region_scale.fill_(scale_along(data.drives, wanted.regions(data), make, self.kernel.frozen()))
 
     @property
     def likelihood(self) -> Likelihood:
@@ -300,13 +309,17 @@ class Localization(pl.LightningModule):
             poses, descriptors = poses[rows], descriptors[rows]
         return DescriptorMap.of(poses, self.whiten(descriptors), merge_duplicates=self._data.merge_duplicates)
 
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *arguments: Any) -> None:
+        state_dict.setdefault(prefix + "region_scale", self.region_scale)  # which runs of before do not have
+        super()._load_from_state_dict(state_dict, prefix, *arguments)
+
     # -- the life cycle ------------------------------------------------------------------------------------------------
 
     def validation_step(self, batch: Tensor, batch_idx: int) -> None:
         """Log how likely the posterior over map images is to be right, and what was fitted."""
         found = self.place_posterior(self._data)
         values = {"place_nll": found.nll, "place_nll_uniform": found.chance, "tempering": self.likelihood.tempering}
-        values["appearance_variance"] = self.likelihood.appearance_variance
+        values |= {"appearance_variance": self.likelihood.appearance_variance, "region_scale": float(self.region_scale)}
         self.log_dict({f"val/{name}": value for name, value in values.items()})
 
     def test_step(self, batch: Tensor, batch_idx: int) -> None:

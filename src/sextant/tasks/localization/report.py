@@ -2,30 +2,23 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64
 from numpy import ndarray
 
 from sextant.data.localization.localization_data import LocalizationData
 from sextant.data.localization.pose_formats import write_tum
-from sextant.evaluation.localization.pose_posterior import PLANE, RAILWAY, nees, pose_errors, posterior_calibration
-from sextant.evaluation.localization.success import (
-    NEVER,
-    ConvergenceSummary,
-    converged_at,
-    global_localization,
-    recovery_after,
-    within,
-)
+from sextant.evaluation.localization.pose_posterior import posterior_calibration
+from sextant.evaluation.localization.success import NEVER
 from sextant.evaluation.localization.trajectory_error import pooled_errors
-from sextant.evaluation.protocols import RECOVERY_HORIZON, LocalizationProtocol
+from sextant.evaluation.protocols import LocalizationProtocol
 from sextant.localization.map_support import images_near
-from sextant.tasks.localization.test import Outcome, Trial
+from sextant.tasks.localization.judged import Judged
+from sextant.tasks.localization.test import Trial
 from sextant.tasks.localization.validation import protocol_of
 from sextant.tasks.peak_memory import peak_memory_mb
 from sextant.worlds.occupancy import OCCUPIED, occupancy_from_scans
@@ -39,77 +32,6 @@ if TYPE_CHECKING:
 DRAWN = 4
 #: walls are drawn of cells of this side
 DRAWN_WALLS_M = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """One trial by the protocol.
-
-    Attributes:
-        outcome: the trial.
-        position, heading_deg: errors of each run, step by step; nan beyond a run's end.
-        inside: whether both are within the protocol's limits.
-        converged: the step at which each run converged, or ``NEVER``.
-        frames: running that a run must be within.
-        summary: from the start.
-        recovery: from the kidnap on, if runs were kidnapped.
-        nees: of the converged steps; inf where the particles agree on something wrong.
-    """
-
-    outcome: Outcome
-    position: Float64[ndarray, "r t"]
-    heading_deg: Float64[ndarray, "r t"]
-    inside: Bool[ndarray, "r t"]
-    converged: Int64[ndarray, "r"]
-    frames: int
-    summary: ConvergenceSummary
-    recovery: ConvergenceSummary | None
-    nees: Float64[ndarray, "k"]
-
-    @property
-    def found(self) -> Bool[ndarray, "r"]:
-        """Whether each run knows where it is: after the kidnap, if there was one."""
-        kidnapped = self.outcome.runs.kidnapped_at
-        if (kidnapped < 0).all():
-            return np.asarray(self.converged != NEVER)
-        again = converged_at(self.inside, self.frames, start=np.maximum(kidnapped, 0), horizon=RECOVERY_HORIZON)
-        return np.asarray(again != NEVER)
-
-    @property
-    def after(self) -> Bool[ndarray, "r t"]:
-        """Steps from convergence on."""
-        at = np.arange(self.inside.shape[1])
-        later = (at >= self.converged[:, None]) & (self.converged != NEVER)[:, None]
-        return np.asarray(later & self.outcome.runs.inside.T)
-
-
-def judge(outcome: Outcome, data: LocalizationData) -> Judged:
-    """Errors and success of the runs of a trial."""
-    protocol, runs, track = protocol_of(data), outcome.runs, outcome.track
-    errors = pose_errors(runs.poses, track.pose).transpose(1, 0, 2)
-    gone = ~runs.inside.T
-    position = np.where(gone, np.nan, np.linalg.norm(errors[..., :2], axis=2))
-    heading = np.where(gone, np.nan, np.abs(np.degrees(errors[..., 2])))
-    inside = within(position, heading, protocol)
-    kidnapped = runs.kidnapped_at
-    taken = bool((kidnapped >= 0).any())
-    at = np.arange(inside.shape[1])
-    before = inside & ((kidnapped < 0)[:, None] | (at < kidnapped[:, None]))  # whoever is carried off starts anew
-    converged = converged_at(before, protocol.frames)
-    axes = RAILWAY if protocol.unit == "frames" else PLANE
-    values = nees(runs.poses, track.pose, track.covariance, axes).T
-    later = (at >= converged[:, None]) & (converged != NEVER)[:, None] & ~gone
-    return Judged(
-        outcome,
-        position,
-        heading,
-        inside,
-        converged,
-        protocol.frames,
-        global_localization(before, protocol, length=np.where(kidnapped >= 0, kidnapped, runs.lengths)),
-        recovery_after(inside, np.maximum(kidnapped, 0), protocol, length=runs.lengths) if taken else None,
-        values[later],
-    )
 
 
 def name_of(trial: Trial, trials: Sequence[Trial]) -> str:

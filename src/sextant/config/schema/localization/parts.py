@@ -324,7 +324,7 @@ class KLDSize(Node):
 class ParticleFilter(Node):
     """The filter."""
 
-    later = ("support", "outliers", "apart")
+    later = ("support", "outliers", "apart", "regions")
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(examples=[1000])
     start: Literal["uniform", "appearance", "gaussian"]
     resampling: Literal["systematic", "stratified", "residual", "multinomial"]
@@ -335,3 +335,4 @@ class ParticleFilter(Node):
     support: Literal["map"] | None = None
     outliers: Annotated[float, Field(gt=0, lt=1)] | None = Field(default=None, examples=[0.1])
     apart: Positive | None = Field(default=None, examples=[1.0])
+    regions: Literal["along_drives"] | None = None

@@ -1,0 +1,65 @@
+r"""Regions that hold the truth as often as they say, by the validation drives.
+
+A belief is narrower than it is right: what a map does not know about a place is wrong in all images taken there, and
+the errors of a descriptor are no Gaussian's. Neither shows in single images. So a filter is run along the validation
+drives, and the standard deviations that are told are multiplied by
+
+.. math:: s = \max\!\big(1, \sqrt{q_{95}(\mathrm{NEES}) \,/\, \chi^2_{d,\,95}}\big) ,
+
+with the 95th percentile of the NEES (:mod:`sextant.evaluation.localization.pose_posterior`) of all steps from
+convergence on, so that 95 % regions hold the truth there in 95 % of the steps: conformal prediction with the NEES as
+its score (Vovk, Gammerman & Shafer, "Algorithmic Learning in a Random World", 2005). Steps of a drive are not
+exchangeable, so its guarantee is not had, and coverage has to be measured on other drives. What the filter finds, and
+when it is lost, is as it was; and regions are never made narrower.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from scipy import stats
+
+from sextant.data.localization.localization_data import LocalizationData
+from sextant.localization.pose_kernel import PoseKernel
+from sextant.tasks.localization.along_drives import for_validation, outcomes_along
+from sextant.tasks.localization.judged import judge
+from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings
+
+LEVEL = 0.95
+#: steps below which nothing is learnt, and the widest
+FEWEST, WIDEST = 50, 10.0
+
+
+def region_scale(nees: Float64[ndarray, " k"], dof: int) -> float:
+    """What standard deviations are multiplied by, in [1, 10].
+
+    Args:
+        nees: of steps that the filter was on its way in; inf where it was sure of something wrong.
+        dof: coordinates that they are of.
+
+    >>> honest = np.random.default_rng(0).chisquare(3, 10_000)
+    >>> region_scale(honest / 2, 3), round(region_scale(9 * honest, 3), 1), region_scale(honest[:10], 3)
+    (1.0, 3.0, 1.0)
+    """
+    if len(nees) < FEWEST:
+        return 1.0
+    reached = float(np.quantile(nees, LEVEL, method="inverted_cdf"))
+    return min(max(1.0, math.sqrt(reached / stats.chi2.ppf(LEVEL, dof))), WIDEST)
+
+
+def scale_along(
+    drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
+) -> float:
+    """The :func:`region_scale` of the validation drives; arguments as for ``along_drives``."""
+    where = for_validation(drives)
+    found = [judge(outcome, where).nees for outcome in outcomes_along(drives, settings, make_observers, kernel)]
+    return region_scale(np.concatenate(found), 1 if drives.unit == "frames" else 3)
+
+
+def widened(outcomes: Iterable[Outcome], scale: float) -> Iterator[Outcome]:
+    """The same outcomes, with standard deviations that are told so many times as wide."""
+    for outcome in outcomes:
+        yield replace(outcome, track=replace(outcome.track, covariance=scale**2 * outcome.track.covariance))
