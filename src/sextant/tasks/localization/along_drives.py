@@ -102,13 +102,17 @@ def for_validation(drives: LocalizationData) -> LocalizationData:
 
 
 def outcomes_along(
-    drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
+    drives: LocalizationData,
+    settings: TestSettings,
+    make_observers: MakeObservers,
+    kernel: PoseKernel,
+    runs: int = RUNS,
 ) -> Iterator[Outcome]:
     """The filter along the validation drives, a few runs of each, with all particles and without faults."""
     usual = replace(
         settings,
         particle_counts=(max(settings.particle_counts),),
-        starts=RUNS,
+        starts=runs,
         horizon=STEPS,
         every=1,
         replay=False,

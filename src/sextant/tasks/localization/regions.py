@@ -29,6 +29,8 @@ from sextant.tasks.localization.judged import judge
 from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings
 
 LEVEL = 0.95
+#: runs along each validation drive: where a filter is rarely sure of something wrong, few do not show it
+RUNS = 8
 #: steps below which nothing is learnt, and the widest
 FEWEST, WIDEST = 50, 10.0
 
@@ -55,7 +57,8 @@ def scale_along(
 ) -> float:
     """The :func:`region_scale` of the validation drives; arguments as for ``along_drives``."""
     where = for_validation(drives)
-    found = [judge(outcome, where).nees for outcome in outcomes_along(drives, settings, make_observers, kernel)]
+    outcomes = outcomes_along(drives, settings, make_observers, kernel, RUNS)
+    found = [judge(outcome, where).nees for outcome in outcomes]
     return region_scale(np.concatenate(found), 1 if drives.unit == "frames" else 3)
 
 

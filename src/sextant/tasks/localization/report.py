@@ -13,7 +13,7 @@ from numpy import ndarray
 from sextant.data.localization.localization_data import LocalizationData
 from sextant.data.localization.pose_formats import write_tum
 from sextant.evaluation.localization.pose_posterior import posterior_calibration
-from sextant.evaluation.localization.success import NEVER
+from sextant.evaluation.localization.success import NEVER, ConvergenceSummary
 from sextant.evaluation.localization.trajectory_error import pooled_errors
 from sextant.evaluation.protocols import LocalizationProtocol
 from sextant.localization.map_support import images_near
