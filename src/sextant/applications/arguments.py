@@ -8,10 +8,12 @@ from typing import Any
 from sextant.errors import ArgumentError
 
 
-def check_whole(argument: str, value: Any, least: int, fix: str) -> None:
-    """Raise an ``ArgumentError`` if a value is no whole number, or below ``least``."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**63:
-        raise ArgumentError(f"{argument}={value!r:.60} must be a whole number, at least {least}", fix)
+def check_whole(argument: str, value: Any, least: int, fix: str, most: int | None = None) -> None:
+    """Raise an ``ArgumentError`` if a value is no whole number, below ``least`` or above ``most``."""
+    limit = 2**63 - 1 if most is None else most
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= limit:
+        up_to = "" if most is None else f" and at most {most}"
+        raise ArgumentError(f"{argument}={value!r:.60} must be a whole number, at least {least}{up_to}", fix)
 
 
 def check_kind(argument: str, value: Any, kind: type, fix: str) -> None:

@@ -11,8 +11,8 @@ Means and covariances are weighted, with axes x, y of the map (metres) and headi
 
 The mean is of the heaviest part, the covariance of the belief: where other places may be right as well, the pose told
 may be wrong by the way to them, and a covariance of the heaviest part alone would not say so. It is taken over the
-particles of that part and those nearest to it, until they hold 99 % of the weight; so the few that a recovery puts all
-over the map do not count.
+particles of that part and those nearest to it, until they hold 99 % of the weight: what a restart puts elsewhere counts
+once it holds more than a hundredth.
 """
 
 import math

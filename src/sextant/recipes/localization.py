@@ -183,7 +183,7 @@ class LocalizationRecipe(Recipe):
         kernel = None if _is_laser(config) else module.kernel.frozen()
         with self.reporter.progress("localizing", "trials") as progress:
             trials_of = run_trials(data.drives, faults, settings, partial(module.observers, data), progress, kernel)
-            outcomes = list(trials_of if _is_laser(config) else widened(trials_of, float(module.region_scale)))
+            outcomes = list(widened(trials_of, region_scale(module, config)))
         trials = [outcome.trial for outcome in outcomes]
         found = {report.name_of(o.trial, trials): judge(o, data.drives) for o in outcomes}
         told = report.metrics(found, data.drives)  # before anything that is measured for itself adds to the peak memory
@@ -194,7 +194,9 @@ class LocalizationRecipe(Recipe):
         if _task(config).save_map and not _is_laser(config):
             from sextant.recipes.run_map import run_localizer, write_map
 
-            files["map"] = lambda folder: write_map(run_localizer(module, data, settings, config), folder)
+            files["map"] = lambda folder: write_map(
+                run_localizer(module, data, settings, config, region_scale(module, config)), folder
+            )
         return TestRecord(
             report.arrays(found),
             report.figures(found, data.drives),
@@ -202,7 +204,11 @@ class LocalizationRecipe(Recipe):
             report.table(found),
             facts={
                 **report.facts(found, protocol_of(data.drives)),
-                "notes": [*data.drives.notes, *short_drives(data.drives.test, settings)],
+                "notes": [
+                    *data.drives.notes,
+                    *short_drives(data.drives.test, settings),
+                    *_about_regions(module, config),
+                ],
             },
             files=files,
         )
@@ -214,6 +220,33 @@ class LocalizationRecipe(Recipe):
         from sextant.reports.measure import localized
 
         return localized(arrays)
+
+
+def region_scale(module: Any, config: Config) -> float:
+    """What standard deviations of poses are multiplied by before they are told; 1 where that is not asked for."""
+    assert config.filter is not None
+    return 1.0 if config.filter.regions is None or _is_laser(config) else float(module.region_scale)
+
+
+def _about_regions(module: Any, config: Config) -> list[str]:
+    """What a reader should know of regions that were not widened, or as far as they may be."""
+    from sextant.tasks.localization.regions import WIDEST
+
+    assert config.filter is not None
+    if config.filter.regions is None or _is_laser(config):
+        return []
+    scale = float(module.region_scale)
+    if scale == 1.0:
+        return [
+            "filter.regions=along_drives: regions are as wide as the filter believes; the validation drives asked for "
+            "no more, too few of their steps could be judged, or the run is from before there was this key"
+        ]
+    if scale == WIDEST:
+        return [
+            f"filter.regions=along_drives: regions are {WIDEST:g} times as wide as the filter believes, the most they "
+            "are widened: along the validation drives it was often sure of something wrong"
+        ]
+    return []
 
 
 def test_settings(config: Config, data: "LocalizationDataModule") -> "TestSettings":

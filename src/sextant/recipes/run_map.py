@@ -33,8 +33,9 @@ def run_localizer(
     data: "LocalizationDataModule",
     settings: "TestSettings",
     config: Config,
+    region_scale: float,
 ) -> Localizer:
-    """The dataset's map with the calibrated likelihood, the filter of the test and the descriptor.
+    """The dataset's map with the calibrated likelihood, the filter and the regions of the test, and the descriptor.
 
     Raises:
         UserError: the descriptors in the cache are not those that the descriptor gives.
@@ -54,7 +55,7 @@ def run_localizer(
         image_size=None if drive.images is None else tuple(drive.images.shape[1:]),  # type: ignore[arg-type]
         unit=data.drives.unit,
         particles=settings.particle_counts[-1],
-        region_scale=float(module.region_scale),
+        region_scale=region_scale,
         pictures=None if drive.images is None or len(model.map) != len(drive) else map_pictures(drive.images),
         facts={
             "dataset": data.source.name,

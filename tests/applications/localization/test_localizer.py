@@ -333,6 +333,7 @@ def test_a_step_that_does_not_fit_the_map_is_refused_and_changes_nothing(corrido
         ({"poses": [[0, 0], [1]]}, "for 80 images"),
         ({"poses": [[k, 0, 90] for k in range(80)]}, "the heading 90 of image 0 is more than twice round"),
         ({"particles": 0}, "particles=0 must be a whole number, at least 1"),
+        ({"particles": 2_000_000}, "must be a whole number, at least 1 and at most 1000000"),
         ({"particles": 100.5}, r"particles=100\.5 must be a whole number"),
         ({"lag": 2.5}, r"lag=2\.5 must be a whole number"),
         ({"seed": 2**70}, "seed=1180591620717411303424 must be a whole number"),

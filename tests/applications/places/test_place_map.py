@@ -320,7 +320,8 @@ def test_arrays_that_cannot_be_looked_up_are_named_and_the_others_are_not_lost(r
         (lambda places, day: PlaceMap.open(None), "None is not a saved map of photos"),
         (lambda places, day: PlaceMap("Hogg"), "descriptor='Hogg' must be one of Hog, PatchNormalised, Pixels, Whit"),
         (lambda places, day: PlaceMap("whitened PCA"), "WhitenedPCA learns from images, and has seen none"),
-        (lambda places, day: PlaceMap(Pixels(), temperature=0), "temperature=0 must be above 0"),
+        (lambda places, day: PlaceMap(Pixels(), temperature=0), "temperature=0 must be a finite number above 0"),
+        (lambda places, day: PlaceMap(Pixels(), temperature="hot"), "temperature='hot' must be a finite number"),
         (lambda places, day: PlaceMap(lambda images: images), "size=None: this descriptor does not tell"),
     ],
 )

@@ -207,6 +207,17 @@ def test_wider_regions_change_nothing_but_what_is_told_of_them(usual, run):
         assert told[key] >= before[key]
 
 
+@pytest.mark.slow
+def test_a_test_without_wider_regions_tells_what_the_filter_believes(usual, cache, tmp_path):
+    places = (f"paths.outputs={tmp_path}", f"paths.cache={cache}", "tracking=none")
+    evaluate.main([f"run={usual.path}", "filter.regions=null", *places])
+    (path,) = tmp_path.glob("runs/evaluation/*/metrics.json")
+    scale = logged(usual, "val/region_scale")[-1]
+    for key, value in json.loads(path.read_text())["metrics"].items():
+        if "nees_median" in key:
+            assert metrics(usual)[key] == pytest.approx(value / scale**2)
+
+
 def test_a_localizer_of_before_tells_what_its_filter_believes(usual):
     content = read_trained(usual.last_checkpoint)
     del content["state_dict"]["region_scale"]
@@ -267,8 +278,11 @@ def test_a_fault_without_what_it_needs(run):
 
 @pytest.mark.slow
 def test_training_goes_on_from_the_weights_of_another_run(usual, run):
-    found = run("trainer.max_epochs=1", f"init_from={usual.path}", "task.starts=1", "task.horizon=12")
+    found = run(
+        "trainer.max_epochs=1", f"init_from={usual.path}", "task.starts=1", "task.horizon=12", "filter.regions=null"
+    )
     assert logged(found, "train/loss")[0] < logged(usual, "train/loss")[2]
+    assert logged(found, "val/region_scale")[-1] == 1.0
 
 
 @pytest.mark.slow

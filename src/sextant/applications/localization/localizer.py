@@ -72,6 +72,8 @@ SAME = 0.25
 #: the kernel is fitted to at most so many images of a map, evenly spaced
 FITTED_TO = 600
 LEARNING_RATE = 0.05
+#: as in a config: more take gigabytes and seconds a step
+MOST_PARTICLES = 1_000_000
 STARTS: dict[str, type[Initialisation]] = {"uniform": UniformStart, "appearance": AppearanceStart}
 #: the classes of a localizer's parts, each with an example
 PARTS: dict[str, tuple[type, str]] = {
@@ -92,9 +94,9 @@ class LocalizedPose:
         pose: x, y in the unit of the map and heading in rad, of the heaviest mode.
         covariance: of where the robot may be, about the pose: 99 % of the belief, other places that may be right
             with it.
-        mass: the share of the weight that it holds.
+        mass: the share of the weight that the heaviest mode holds.
         modes: how many there are.
-        lost: it holds less than half of the weight, or the images of late were not foreseen.
+        lost: the heaviest mode holds less than half of the weight, or the images of late were not foreseen.
         off_map: chance of being where the map shows nothing; 0 for a filter without
             :class:`~sextant.localization.map_support.MapSupport`.
         degenerate: no particle explained the image, which was dropped.
@@ -143,11 +145,11 @@ class Localizer:
         pictures: of the map's images, small, to be looked at; None for none.
         lag: steps that :meth:`past` smooths.
         region_scale: what standard deviations are multiplied by before they are told, as
-            :mod:`sextant.tasks.localization.regions` learns it.
+            :mod:`sextant.tasks.localization.regions` learns it for a filter with these settings.
 
     Raises:
-        UserError: there is to be no particle, there is no such start, the lag is negative, or a radius or scale is no
-            number above 0.
+        UserError: particles are none or above a million, there is no such start, the lag is negative, or a radius or
+            scale is no number above 0.
     """
 
     def __init__(
@@ -575,7 +577,7 @@ def _numbers(given: Any) -> Float64[ndarray, "*n"]:
 
 def _check_settings(radius: float, particles: int, start: Start, lag: int, region_scale: float = 1.0) -> None:
     check_whole("lag", lag, 0, "lag=20 keeps twenty steps")
-    check_whole("particles", particles, 1, "For example particles=1000")
+    check_whole("particles", particles, 1, "For example particles=1000", MOST_PARTICLES)
     for name, value, fix in (
         ("radius", radius, "For example radius=2.5, in the map's unit"),
         ("region_scale", region_scale, "region_scale=1.0"),

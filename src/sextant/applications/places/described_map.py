@@ -66,8 +66,11 @@ class DescribedMap:
         self.size = size or _size_of(self._describer)
         self.model = self.descriptor.model
         told = temperature if isinstance(temperature, Temperature) else Temperature(temperature, NO_RUN)
-        if told.value is not None and not told.value > 0:
-            raise ArgumentError(f"temperature={told.value:g} must be above 0", "For example temperature=0.05")
+        number = isinstance(told.value, Real) and not isinstance(told.value, bool)
+        if told.value is not None and not (number and 0 < told.value < math.inf):
+            raise ArgumentError(
+                f"temperature={told.value!r:.60} must be a finite number above 0", "For example temperature=0.05"
+            )
         self.temperature, self.tolerances = told, dict(tolerances)
         self._tolerance: float | None = None
         self._parts: list[DescribedPhotos] = []

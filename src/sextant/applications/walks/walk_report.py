@@ -63,7 +63,7 @@ def _page(walk: Walk, unit: str) -> str:
         "# A walk with an unknown camera\n",
         "## Where\n",
         _poses(walk, unit).markdown(),
-        "Standard deviations are the particles'; the path is in `poses.csv` and `trajectory.tum`.\n",
+        "Standard deviations are the localizer's; the path is in `poses.csv` and `trajectory.tum`.\n",
         "![the way over the map](trajectory.png)\n",
         "## The cameras\n",
         _cameras(walk).markdown(),

@@ -138,9 +138,9 @@ class LocalizationTask(TaskNode):
     starts: Annotated[int, Field(ge=1, le=10_000)] = Field(examples=[32])
     horizon: Annotated[int, Field(ge=2, le=1_000_000)] = Field(examples=[150])
     every: Count = Field(examples=[1])
-    particle_counts: Annotated[list[Count], Field(min_length=1), AfterValidator(distinct)] | None = Field(
-        examples=["[25,100,400]"]
-    )
+    particle_counts: (
+        Annotated[list[Annotated[Count, Field(le=1_000_000)]], Field(min_length=1), AfterValidator(distinct)] | None
+    ) = Field(examples=["[25,100,400]"])
     merge_duplicates: bool
     resolution_m: Annotated[float, Field(ge=0.005, le=10)] = Field(examples=[0.05])
     replay: bool

@@ -57,8 +57,8 @@ class Calibration:
         images: of the validation drives that are considered.
         settings: of the filter that goes along them, for :mod:`sextant.tasks.localization.along_drives`, whose
             tempering belongs to this filter; None leaves the tempering as single images ask for it.
-        regions: of the filter whose regions are widened by :mod:`sextant.tasks.localization.regions`; None leaves them
-            as the filter believes.
+        regions: of the filter whose regions are widened by :mod:`sextant.tasks.localization.regions`, which belong to
+            this filter; None leaves them as the filter believes.
     """
 
     likelihood: Likelihood
@@ -181,6 +181,7 @@ class Localization(pl.LightningModule):
     def calibrate(self, data: LocalizationDataModule) -> None:
         """Fit appearance noise, then tempering, to the images of the validation drives; then to the drives."""
         wanted = self.calibration
+        self.region_scale.fill_(1.0)  # of a run that this one began from
         model, queries = self._validation(data)
         likelihood = replace(wanted.likelihood, tempering=1.0)
         if wanted.fit_noise:

@@ -6,11 +6,11 @@ drives, and the standard deviations that are told are multiplied by
 
 .. math:: s = \max\!\big(1, \sqrt{q_{95}(\mathrm{NEES}) \,/\, \chi^2_{d,\,95}}\big) ,
 
-with the 95th percentile of the NEES (:mod:`sextant.evaluation.localization.pose_posterior`) of all steps from
-convergence on, so that 95 % regions hold the truth there in 95 % of the steps: conformal prediction with the NEES as
-its score (Vovk, Gammerman & Shafer, "Algorithmic Learning in a Random World", 2005). Steps of a drive are not
-exchangeable, so its guarantee is not had, and coverage has to be measured on other drives. What the filter finds, and
-when it is lost, is as it was; and regions are never made narrower.
+with the 95th percentile of the NEES (:mod:`sextant.evaluation.localization.pose_posterior`) of all n steps from
+convergence on, the one of rank ⌈0.95 (n + 1)⌉, so that 95 % regions hold the truth there in 95 % of the steps:
+conformal prediction with the NEES as its score (Vovk, Gammerman & Shafer, "Algorithmic Learning in a Random World",
+2005). Steps of a drive are not exchangeable, so its guarantee is not had, and coverage has to be measured on other
+drives. What the filter finds, and when it is lost, is as it was; and regions are never made narrower.
 """
 
 import math
@@ -48,7 +48,8 @@ def region_scale(nees: Float64[ndarray, " k"], dof: int) -> float:
     """
     if len(nees) < FEWEST:
         return 1.0
-    reached = float(np.quantile(nees, LEVEL, method="inverted_cdf"))
+    rank = min(math.ceil(LEVEL * (len(nees) + 1)), len(nees))
+    reached = float(np.partition(nees, rank - 1)[rank - 1])
     return min(max(1.0, math.sqrt(reached / stats.chi2.ppf(LEVEL, dof))), WIDEST)
 
 
