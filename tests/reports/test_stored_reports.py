@@ -21,6 +21,7 @@ POOLED = sorted(path.parent for path in DOCS.glob("*/**/pooled.csv"))
 BY_SEED = sorted(path.parent for path in DOCS.glob("*/**/seeds.csv"))
 SWEEPS = {
     "butterflies": "cosfire_butterflies",
+    "ablation": "calibration_ablation",
     "city": "localization_city",
     "cifar": "pushpull_cifar",
     "cifar_60": "pushpull_cifar",
