@@ -201,7 +201,7 @@ class LocalizationRecipe(Recipe):
             report.arrays(found),
             report.figures(found, data.drives),
             told,
-            report.table(found),
+            report.table(found, data.drives),
             facts={
                 **report.facts(found, protocol_of(data.drives)),
                 "notes": [

@@ -112,6 +112,10 @@ def test_what_a_run_keeps(usual):
     assert results["metrics"]["test/success"] == pytest.approx(np.mean([found[f"success/{t}"] for t in trials]))
     assert results["degenerate_steps"] == dict.fromkeys(sorted(trials, reverse=True), 0)
     assert results["parameters"] == 5
+    regions = {key.rpartition("/")[2]: value for key, value in results["metrics"].items() if "coverage_95" in key}
+    assert {row["drive"]: row["in region %"] for row in results["table"]} == {
+        trial: f"{100 * share:.0f}" for trial, share in regions.items()
+    }
 
 
 def test_by_day_it_knows_where_it_is(run):

@@ -63,6 +63,11 @@ class Judged:
         return np.asarray(later & self.outcome.runs.inside.T)
 
 
+def axes_of(data: LocalizationData) -> tuple[int, ...]:
+    """The coordinates of a pose that errors are of."""
+    return RAILWAY if protocol_of(data).unit == "frames" else PLANE
+
+
 def judge(outcome: Outcome, data: LocalizationData) -> Judged:
     """Errors and success of the runs of a trial."""
     protocol, runs, track = protocol_of(data), outcome.runs, outcome.track
@@ -76,8 +81,7 @@ def judge(outcome: Outcome, data: LocalizationData) -> Judged:
     at = np.arange(inside.shape[1])
     before = inside & ((kidnapped < 0)[:, None] | (at < kidnapped[:, None]))  # whoever is carried off starts anew
     converged = converged_at(before, protocol.frames)
-    axes = RAILWAY if protocol.unit == "frames" else PLANE
-    values = nees(runs.poses, track.pose, track.covariance, axes).T
+    values = nees(runs.poses, track.pose, track.covariance, axes_of(data)).T
     later = (at >= converged[:, None]) & (converged != NEVER)[:, None] & ~gone
     return Judged(
         outcome,

@@ -25,7 +25,7 @@ from scipy import stats
 from sextant.data.localization.localization_data import LocalizationData
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.tasks.localization.along_drives import for_validation, outcomes_along
-from sextant.tasks.localization.judged import judge
+from sextant.tasks.localization.judged import axes_of, judge
 from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings
 
 LEVEL = 0.95
@@ -60,7 +60,7 @@ def scale_along(
     where = for_validation(drives)
     outcomes = outcomes_along(drives, settings, make_observers, kernel, RUNS)
     found = [judge(outcome, where).nees for outcome in outcomes]
-    return region_scale(np.concatenate(found), 1 if drives.unit == "frames" else 3)
+    return region_scale(np.concatenate(found), len(axes_of(where)))
 
 
 def widened(outcomes: Iterable[Outcome], scale: float) -> Iterator[Outcome]:

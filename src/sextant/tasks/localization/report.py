@@ -17,7 +17,7 @@ from sextant.evaluation.localization.success import NEVER, ConvergenceSummary
 from sextant.evaluation.localization.trajectory_error import pooled_errors
 from sextant.evaluation.protocols import LocalizationProtocol
 from sextant.localization.map_support import images_near
-from sextant.tasks.localization.judged import Judged
+from sextant.tasks.localization.judged import Judged, axes_of
 from sextant.tasks.localization.test import Trial
 from sextant.tasks.localization.validation import protocol_of
 from sextant.tasks.peak_memory import peak_memory_mb
@@ -61,8 +61,7 @@ def arrays(found: Mapping[str, Judged]) -> dict[str, ndarray]:
 
 def metrics(found: Mapping[str, Judged], data: LocalizationData) -> dict[str, float]:
     """Figures of every trial, under names that state the protocol."""
-    protocol, values = protocol_of(data), dict[str, float]()
-    dof = 1 if protocol.unit == "frames" else 3
+    protocol, values, dof = protocol_of(data), dict[str, float](), len(axes_of(data))
     for name, judged in found.items():
         key = name.replace(", ", "/").replace(" ", "_")
         told = _figures(judged, dof)
@@ -95,10 +94,15 @@ def _figures(judged: Judged, dof: int) -> dict[str, float]:
             "frames_to_recover_p90": judged.recovery.p90_frames,
         }
     told |= _trajectory_figures(judged, headed=dof > 1)
-    if len(judged.nees) and np.isfinite(judged.nees).any():
-        calibration = posterior_calibration(judged.nees, dof, independent=len(judged.found))
-        told |= {"nees_median": calibration.median, "coverage_95": calibration.coverage[0.95]}
-    return told
+    return told | _regions(judged, dof)
+
+
+def _regions(judged: Judged, dof: int) -> dict[str, float]:
+    """How the converged steps' errors compare with what was told of them; nothing where no step has a finite one."""
+    if not len(judged.nees) or not np.isfinite(judged.nees).any():
+        return {}
+    calibration = posterior_calibration(judged.nees, dof, independent=len(judged.found))
+    return {"nees_median": calibration.median, "coverage_95": calibration.coverage[0.95]}
 
 
 def _trajectory_figures(judged: Judged, *, headed: bool) -> dict[str, float]:
@@ -113,9 +117,9 @@ def _trajectory_figures(judged: Judged, *, headed: bool) -> dict[str, float]:
     return values | ({"rpe_deg_rmse": _rmse(errors.step_deg)} if headed else {})
 
 
-def table(found: Mapping[str, Judged]) -> list[dict[str, str]]:
-    """A row for each trial."""
-    rows = []
+def table(found: Mapping[str, Judged], data: LocalizationData) -> list[dict[str, str]]:
+    """A row for each trial; *in region* is how often 95 % regions hold the true pose."""
+    rows, dof = [], len(axes_of(data))
     for name, judged in found.items():
         share, later = judged.summary.share, judged.after
         row = {
@@ -128,6 +132,7 @@ def table(found: Mapping[str, Judged]) -> list[dict[str, str]]:
             "tracking %": _told(100 * judged.summary.tracking, 1),
             "error": _told(_median(judged.position[later]), 2),
             "deg": _told(_median(judged.heading_deg[later]), 1),
+            "in region %": _told(100 * _regions(judged, dof).get("coverage_95", math.nan), 0),
             "NLL": _told(_mean(judged.outcome.nll.T[later]), 2),
         }
         if any(other.recovery is not None for other in found.values()):
