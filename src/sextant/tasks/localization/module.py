@@ -28,7 +28,7 @@ from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.pose_kernel import PoseKernel, Spatial
-from sextant.tasks.localization.along_drives import best_share, nll_along
+from sextant.tasks.localization.along_drives import best_share, for_validation, nll_along
 from sextant.tasks.localization.regions import scale_along
 from sextant.tasks.localization.sensor_measures import descriptor_nll, looked_at, sensor_cost, timed
 from sextant.tasks.localization.test import TestSettings
@@ -350,7 +350,7 @@ def _with_weights(module: Any, keys: object) -> None:
 
 
 def _validation_map(data: LocalizationDataModule) -> Drive:
-    return data.drives.map if data.drives.validation_map is None else data.drives.validation_map
+    return for_validation(data.drives).map
 
 
 def as_tensor(rows: Float32[ndarray, "n d"]) -> Float32[Tensor, "n d"]:
