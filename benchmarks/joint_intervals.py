@@ -191,6 +191,9 @@ def main() -> None:
     for name, folders in SETS.items():
         parts = [benchmark_calibration(calibrator, data / each, cuts=CUTS, leave_out=trained) for each in folders]
         sets.append(measured(name, parts))
+        for part in parts:
+            for photo, reason in part.skipped.items():
+                print(f"left out: {photo}: {reason}", file=sys.stderr)
     titles = ["set", "photos", "method", "tilt", "roll", "vfov", "focal %", "rays", "AUC roll", "AUC tilt", "AUC vfov"]
     print(table(titles, [row for each in sets for row in error_rows(each)]))
     print(table(["source left out", "photos", *(f"{name}, 68 / 95 %" for name in NUMBERS)], interval_rows(sets)))

@@ -48,6 +48,8 @@ def as_pixels(image: AnyImage, size: Size | None = None) -> UInt8[ndarray, "h w 
     """
     if isinstance(image, Path | str):
         path = Path(image).expanduser()
+        if path.is_dir():
+            raise UserError(f"{image} is a folder; an image is a file", "Give the file of an image.")
         if not path.is_file():
             raise UserError(f"{image}: there is no such file", "Give the file of an image.")
         try:

@@ -60,7 +60,7 @@ class ImageFolder(ImageSource):
 
     def _root(self) -> Path:
         if self.folder is None:
-            places = "\n".join(f"  {path}" for path in self.looked)
+            places = "\n".join(f"  {path}" for path in dict.fromkeys(self.looked))
             raise MissingDataError(
                 f"folder: no such folder. Looked for\n{places}",
                 "Give a folder with one sub-folder a class: folder=/path/to/images. "

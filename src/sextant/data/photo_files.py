@@ -7,13 +7,13 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from sextant.data.image_folder import SUFFIXES
+from sextant.data.image_files import SUFFIXES
 from sextant.errors import UserError
 
 log = logging.getLogger(__name__)
 
 #: the last two are not decoded: they are found so that they are named
-FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".avif", ".heic", ".heif")
+FOUND_IN_FOLDERS = (*SUFFIXES, ".gif", ".jp2", ".heic", ".heif")
 #: names of pictures that predictions write: :mod:`~sextant.applications.calibration.photo_files`,
 #: :mod:`~sextant.cli.place_matching.gallery_pages`
 WRITTEN = ("*_overlay.png", "*_undistorted.png", "*_undistorted.jpg", "*calibrations.png", "matches_page*.png")
@@ -51,6 +51,6 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
     if not found:
         raise UserError(
             f"{key}={given}: no photo there",
-            f"Give a photo, a folder or a pattern such as 'photos/*.jpg'. Photos end in {', '.join(SUFFIXES)}",
+            f"Give a photo, a folder or a pattern such as 'photos/*.jpg'. Photos end in {', '.join(FOUND_IN_FOLDERS[:-2])}",
         )
     return found

@@ -98,7 +98,7 @@ def first_folder(looked: Sequence[Path], key: str, fix: str) -> Path:
     for path in looked:
         if path.is_dir():
             return path
-    places = "\n".join(f"  {path}" for path in looked)
+    places = "\n".join(f"  {path}" for path in dict.fromkeys(looked))
     raise MissingDataError(f"{key}: no such folder. Looked for\n{places}", fix)
 
 

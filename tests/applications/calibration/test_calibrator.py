@@ -194,6 +194,13 @@ def test_a_prior_that_has_no_meaning_is_refused(calibrator, prior, tmp_path):
             calibrate([photo(tmp_path / "a.png")], focal_prior=prior)
 
 
+@pytest.mark.parametrize("prior", [0.5, 1e9])
+def test_a_prior_that_no_photo_can_have_is_refused(calibrator, prior, tmp_path):
+    for calibrate in (calibrator.calibrate_many, calibrator.one_camera):
+        with pytest.raises(UserError, match="of a photo 60 pixels high are sought from 9 to 3600 pixels"):
+            calibrate([photo(tmp_path / "a.png")], focal_prior=prior)
+
+
 def test_a_folder_is_not_photos(calibrator, tmp_path):
     for calibrate in (calibrator.calibrate_many, calibrator.one_camera):
         with pytest.raises(UserError, match="is one path; several photos are expected"):

@@ -267,6 +267,8 @@ def test_photos_that_cannot_be_looked_up(rides, places):
     photos = [rides[1] / "000.png", rides[1] / "001.png", "gone.jpg"]
     with pytest.raises(UserError, match=r"001\.png: cannot be decoded \(7 bytes\)"):
         places.look_up(photos[1])
+    with pytest.raises(UserError, match="is a folder; an image is a file"):
+        places.look_up(rides[1])
     with pytest.raises(UserError, match=r"gone\.jpg: there is no such file"):
         places.look_up(photos[2])
     with pytest.raises(FailedPhotosError, match="2 of 3 photos could not be looked up"):

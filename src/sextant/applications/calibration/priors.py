@@ -9,7 +9,7 @@ import numpy as np
 from sextant.applications.calibration.finding import Finding
 from sextant.applications.calibration.fusing import adopt, estimate
 from sextant.applications.calibration.jointly import jointly
-from sextant.baselines.calibration import FocalBelief, GravityBelief
+from sextant.baselines.calibration import FOCAL_HEIGHTS, FocalBelief, GravityBelief
 from sextant.errors import ArgumentError
 from sextant.evaluation.calibration.fusion import Prior, fuse, with_prior
 
@@ -39,11 +39,24 @@ def check_priors(focal_prior: FocalPrior, gravity_prior: GravityPrior) -> None:
 
 
 def prior_of(finding: Finding, focal_prior: FocalPrior) -> Prior | None:
-    """What is known of the log of the focal length in longer sides; None where nothing is, or shall not be used."""
+    """What is known of the log of the focal length in longer sides; None where nothing is, or shall not be used.
+
+    Raises:
+        ArgumentError: a focal length is given that is not among those sought.
+    """
     if focal_prior == "exif":
         known = finding.photo.exif_focal_px
         return Prior(math.log(known / finding.side), PRIOR_SIGMA["exif"]) if known else None
-    return None if focal_prior is None else Prior(math.log(focal_prior / finding.side), PRIOR_SIGMA["given"])
+    if focal_prior is None:
+        return None
+    low, high = (finding.photo.height * end for end in FOCAL_HEIGHTS)
+    if not low <= focal_prior <= high:
+        raise ArgumentError(
+            f"focal_prior={focal_prior:g}: focal lengths of a photo {finding.photo.height} pixels high are sought from "
+            f"{low:.0f} to {high:.0f} pixels (of the file, not millimetres)",
+            "focal_prior=exif",
+        )
+    return Prior(math.log(focal_prior / finding.side), PRIOR_SIGMA["given"])
 
 
 def disagreement(z: float, focal_prior: FocalPrior) -> list[str]:

@@ -164,7 +164,7 @@ def _decoded(
         if isinstance(photo, ndarray):
             return photo, False
         if not photo.is_file():
-            return "there is no such file", False
+            return ("is a folder; an image is a file" if photo.is_dir() else "there is no such file"), False
         try:
             image = decode_image(photo, size.height, size.width, size.channels)
         except UnreadableImageError as error:

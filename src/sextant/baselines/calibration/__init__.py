@@ -19,11 +19,13 @@ from sextant.baselines.calibration.line_evidence import LineEvidence
 from sextant.baselines.calibration.line_segments import count_long, detect_segments
 from sextant.baselines.calibration.method import CalibrationBaseline
 from sextant.baselines.calibration.plumb_line import PlumbLine
+from sextant.baselines.calibration.robust_fit import FOCAL_HEIGHTS
 from sextant.baselines.calibration.terms import CameraBelief, FocalBelief, GravityBelief, PhotoPrior, Term
 from sextant.baselines.calibration.training_prior import prior_of_cameras
 from sextant.baselines.calibration.vanishing_points import VanishingPoints
 
 __all__ = [
+    "FOCAL_HEIGHTS",
     "CalibrationBaseline",
     "CalibrationEstimate",
     "CameraBelief",

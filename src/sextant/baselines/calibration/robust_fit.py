@@ -8,9 +8,11 @@ from jaxtyping import Float64, Int
 from numpy import ndarray
 from scipy.optimize import least_squares
 
-#: bounds of tilt, roll, heading, log focal and k1_hat; 60 image heights are 40 longer sides of 3:2, 1,400 mm
-LOW = np.array([-1.5, -np.pi / 4, -np.inf, np.log(0.15), -2.5])
-HIGH = np.array([1.5, np.pi / 4, np.inf, np.log(60.0), 1.0])
+#: shortest and longest focal length that is sought, in image heights; 60 are 40 longer sides of 3:2, 1,400 mm
+FOCAL_HEIGHTS = (0.15, 60.0)
+#: bounds of tilt, roll, heading, log focal and k1_hat
+LOW = np.array([-1.5, -np.pi / 4, -np.inf, np.log(FOCAL_HEIGHTS[0]), -2.5])
+HIGH = np.array([1.5, np.pi / 4, np.inf, np.log(FOCAL_HEIGHTS[1]), 1.0])
 DIFFERENCE = 1e-6
 
 
