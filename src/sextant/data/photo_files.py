@@ -51,6 +51,7 @@ def find_photos(given: str, output: Path | None, key: str = "input") -> list[Pat
     if not found:
         raise UserError(
             f"{key}={given}: no photo there",
-            f"Give a photo, a folder or a pattern such as 'photos/*.jpg'. Photos end in {', '.join(FOUND_IN_FOLDERS[:-2])}",
+            "Give a photo, a folder or a pattern such as 'photos/*.jpg'. "
+            f"Photos end in {', '.join(FOUND_IN_FOLDERS[:-2])}",
         )
     return found
