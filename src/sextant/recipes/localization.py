@@ -147,6 +147,7 @@ class LocalizationRecipe(Recipe):
             task["validation_images"],
             partial(test_settings, config) if likelihood["tempering"] == ALONG_DRIVES else None,
             partial(test_settings, config) if config.plain["filter"].get("regions") == ALONG_DRIVES else None,
+            self.reporter.progress,
         )
         kernel = config.plain["kernel"]
         sharper = kernel.get("sharper")

@@ -1,6 +1,7 @@
 """How much an image counts along a drive: scores are SciPy's, and the filter gets as sure as it is right."""
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.stats import multivariate_normal
 from tiny_office import SHARP, office_cache, office_config
 
 from sextant.lifecycle.execute import execute
+from sextant.lifecycle.run_reporter import RunReporter
 from sextant.localization.localize import Track
 from sextant.runs.directory import RunDirectory
 from sextant.tasks.localization.along_drives import BACKGROUND, LEAST, best_share, reported_pose_nll
@@ -76,17 +78,33 @@ def test_a_share_has_to_be_better_by_more_than_chance():
     assert best_share(lambda share: (better_in_one - 1) * (share == 0.5)) == 0.5
 
 
+class Hears(RunReporter):
+    """Writes down what is shown, and how far it came."""
+
+    def __init__(self):
+        self.shown = []
+
+    @contextmanager
+    def progress(self, what, unit):
+        steps = []
+        self.shown.append((what, unit, steps))
+        yield lambda done, total: steps.append((done, total))
+
+
 @pytest.mark.slow
 def test_what_a_run_finds_is_a_share_of_what_single_images_ask_for(tmp_path_factory, tmp_path):
-    cache, found = office_cache(tmp_path_factory), {}
+    cache, found, hears = office_cache(tmp_path_factory), {}, Hears()
     for tempering in ("fitted", "along_drives"):
         config = office_config(
             cache, tmp_path, *SHARP, "task.horizon=60", "task.save_map=false", f"likelihood.tempering={tempering}",
             "filter.regions=null",
         )  # fmt: skip
-        found[tempering] = RunDirectory(execute(config).directory).results()["metrics"]
+        found[tempering] = RunDirectory(execute(config, reporter=hears).directory).results()["metrics"]
     halvings = math.log2(found["fitted"]["val/tempering"] / found["along_drives"]["val/tempering"])
     assert halvings > 0
     assert halvings == pytest.approx(round(halvings), abs=1e-6)
     regions = [np.mean([value for key, value in each.items() if "coverage_95" in key]) for each in found.values()]
     assert regions[1] >= regions[0]
+    tried = [steps for what, unit, steps in hears.shown if what.startswith("tempering of")]
+    assert len(tried) > halvings
+    assert {steps[-1] for steps in tried} == {(1, 1)}

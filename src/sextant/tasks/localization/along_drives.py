@@ -33,6 +33,7 @@ from sextant.evaluation.localization.pose_posterior import PLANE, RAILWAY, pose_
 from sextant.localization.localize import Track
 from sextant.localization.map_prior import half_spacing
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.reporter import Advance
 from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings, run_trials
 
 #: runs along each validation drive, and steps of each, at most; the test's have no part in it
@@ -107,6 +108,7 @@ def outcomes_along(
     make_observers: MakeObservers,
     kernel: PoseKernel,
     runs: int = RUNS,
+    progress: Advance | None = None,
 ) -> Iterator[Outcome]:
     """The filter along the validation drives, a few runs of each, with all particles and without faults."""
     usual = replace(
@@ -117,11 +119,15 @@ def outcomes_along(
         every=1,
         replay=False,
     )
-    yield from run_trials(for_validation(drives), {"none": NoFault()}, usual, make_observers, kernel=kernel)
+    yield from run_trials(for_validation(drives), {"none": NoFault()}, usual, make_observers, progress, kernel)
 
 
 def nll_along(
-    drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
+    drives: LocalizationData,
+    settings: TestSettings,
+    make_observers: MakeObservers,
+    kernel: PoseKernel,
+    progress: Advance | None = None,
 ) -> Float64[ndarray, " b"]:
     """Means of :func:`reported_pose_nll` over stretches of the validation drives, each over all runs through it.
 
@@ -130,6 +136,7 @@ def nll_along(
         settings: of the filter.
         make_observers: as for :func:`~sextant.tasks.localization.test.run_trials`.
         kernel: that was learnt.
+        progress: called with drives done and drives in all.
     """
     where = for_validation(drives).map
     spacing = 2 * half_spacing(torch.from_numpy(where.poses))
@@ -137,7 +144,7 @@ def nll_along(
     axes, volume = (PLANE, across.prod() * 2 * math.pi) if drives.unit == "m" else (RAILWAY, across[0])
     floor = (FLOOR * spacing, FLOOR * spacing, FLOOR_HEADING)
     scores = []
-    for outcome in outcomes_along(drives, settings, make_observers, kernel):
+    for outcome in outcomes_along(drives, settings, make_observers, kernel, progress=progress):
         runs = outcome.runs
         nll = reported_pose_nll(runs.poses, outcome.track, axes, floor, float(volume))[runs.inside]
         stretch = runs.frames[runs.inside] // STRETCH

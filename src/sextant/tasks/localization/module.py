@@ -28,6 +28,7 @@ from sextant.localization.likelihood import Likelihood
 from sextant.localization.observation import ObservationModel
 from sextant.localization.observers import Camera, Observer
 from sextant.localization.pose_kernel import PoseKernel, Spatial
+from sextant.reporter import SILENT, Progress
 from sextant.tasks.localization.along_drives import best_share, for_validation, nll_along
 from sextant.tasks.localization.regions import scale_along
 from sextant.tasks.localization.sensor_measures import descriptor_nll, looked_at, sensor_cost, timed
@@ -59,6 +60,7 @@ class Calibration:
             tempering belongs to this filter; None leaves the tempering as single images ask for it.
         regions: of the filter whose regions are widened by :mod:`sextant.tasks.localization.regions`, which belong to
             this filter; None leaves them as the filter believes.
+        show: how far the filter is along the validation drives.
     """
 
     likelihood: Likelihood
@@ -68,6 +70,7 @@ class Calibration:
     images: int
     settings: Callable[[LocalizationDataModule], TestSettings] | None = None
     regions: Callable[[LocalizationDataModule], TestSettings] | None = None
+    show: Progress = SILENT.progress
 
 
 class Localization(pl.LightningModule):
@@ -200,11 +203,14 @@ class Localization(pl.LightningModule):
 
             def scores(share: float) -> Float64[ndarray, " b"]:
                 self.fitted[0] = share * of_one
-                return nll_along(data.drives, settings, make, self.kernel.frozen())
+                with wanted.show(f"tempering of {share:g} of one image's,", "validation drives") as advance:
+                    return nll_along(data.drives, settings, make, self.kernel.frozen(), advance)
 
             self.fitted[0] = best_share(scores) * of_one
         if wanted.regions is not None:
-            self.region_scale.fill_(scale_along(data.drives, wanted.regions(data), make, self.kernel.frozen()))
+            with wanted.show("learning how wide regions must be,", "validation drives") as advance:
+                scale = scale_along(data.drives, wanted.regions(data), make, self.kernel.frozen(), advance)
+            self.region_scale.fill_(scale)
 
     @property
     def likelihood(self) -> Likelihood:

@@ -24,6 +24,7 @@ from scipy import stats
 
 from sextant.data.localization.localization_data import LocalizationData
 from sextant.localization.pose_kernel import PoseKernel
+from sextant.reporter import Advance
 from sextant.tasks.localization.along_drives import for_validation, outcomes_along
 from sextant.tasks.localization.judged import axes_of, judge
 from sextant.tasks.localization.test import MakeObservers, Outcome, TestSettings
@@ -54,11 +55,15 @@ def region_scale(nees: Float64[ndarray, " k"], dof: int) -> float:
 
 
 def scale_along(
-    drives: LocalizationData, settings: TestSettings, make_observers: MakeObservers, kernel: PoseKernel
+    drives: LocalizationData,
+    settings: TestSettings,
+    make_observers: MakeObservers,
+    kernel: PoseKernel,
+    progress: Advance | None = None,
 ) -> float:
     """The :func:`region_scale` of the validation drives; arguments as for ``along_drives``."""
     where = for_validation(drives)
-    outcomes = outcomes_along(drives, settings, make_observers, kernel, RUNS)
+    outcomes = outcomes_along(drives, settings, make_observers, kernel, RUNS, progress)
     found = [judge(outcome, where).nees for outcome in outcomes]
     return region_scale(np.concatenate(found), len(axes_of(where)))
 
