@@ -30,6 +30,7 @@ SWEEPS = {
     "loss": "place_loss",
     "mining": "place_mining",
     "mnist": "cosfire_mnist",
+    "mnist_full": "cosfire_mnist_full",
     "nordland": "localization_nordland",
     "weather": "place_weather",
 }
