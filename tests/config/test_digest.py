@@ -38,3 +38,13 @@ def test_a_filter_without_support_is_the_one_of_before_there_was_any():
     supported = to_plain(compose(["task=localization"]))
     digests = [digest(validate(config).model_dump(by_alias=True)) for config in (plain, older, supported)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_sharper_kernel_of_before_is_as_it_was_in_the_heading():
+    settings = ["{length: 0.5, noise: 0.001}", "{length: 0.5, noise: 0.001, heading: 1.0}"]
+    settings += ["{length: 0.5, noise: 0.001, heading: 1.6}"]
+    digests = []
+    for given in settings:
+        plain = to_plain(compose(["task=localization", f"kernel.sharper={given}"]))
+        digests.append(digest(validate(plain).model_dump(by_alias=True)))
+    assert digests[0] == digests[1] != digests[2]

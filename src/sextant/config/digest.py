@@ -14,6 +14,7 @@ LATER: dict[str, dict[str, Any]] = {
     "trainer": {"accumulate": 1, "patience": None, "compile": False},
     "recovery": {"window": 0},
     "filter": {"outliers": None, "apart": None, "regions": None},
+    "kernel.sharper": {"heading": 1.0},
 }
 
 
@@ -23,10 +24,17 @@ def identity(config: Mapping[str, Any]) -> dict[str, Any]:
     for group, names in NUISANCE_WITHIN.items():
         if isinstance(kept.get(group), Mapping):
             kept[group] = {key: value for key, value in kept[group].items() if key not in names}
-    for group, usual in LATER.items():
-        if isinstance(kept.get(group), Mapping):
-            kept[group] = {key: v for key, v in kept[group].items() if key not in usual or v != usual[key]}
+    for path, usual in LATER.items():
+        kept = _without(kept, path.split("."), usual)
     return kept
+
+
+def _without(config: Mapping[str, Any], path: list[str], usual: Mapping[str, Any]) -> dict[str, Any]:
+    """A config without the keys of the group at ``path`` that have their usual values."""
+    if not path:
+        return {key: value for key, value in config.items() if key not in usual or value != usual[key]}
+    within = config.get(path[0])
+    return {**config, path[0]: _without(within, path[1:], usual)} if isinstance(within, Mapping) else dict(config)
 
 
 def digest(config: Mapping[str, Any]) -> str:

@@ -157,7 +157,7 @@ class LocalizationRecipe(Recipe):
             kernel["ard"],
             partial(build, config.plain, "observation"),
             calibration,
-            sharper=sharper and (sharper["length"], sharper["noise"]),
+            sharper=sharper and (sharper["length"], sharper["noise"], sharper.get("heading", 1.0)),
             objective=task["objective"],
             neighbours=task["neighbours"],
             **build_training(config, training=training),

@@ -145,12 +145,13 @@ def test_vecchias_likelihood_trains_a_like_kernel(run, usual):
 
 @pytest.mark.slow
 def test_a_sharper_kernel_is_trained_alike_and_used_sharpened(run, usual):
-    overrides = ("kernel.sharper={length: 0.5, noise: 0.001}", "task.starts=1", "task.horizon=12", "task.save_map=true")
-    found = run(*overrides, *USUAL)
+    sharper = "kernel.sharper={length: 0.5, noise: 0.001, heading: 1.5}"
+    found = run(sharper, "task.starts=1", "task.horizon=12", "task.save_map=true", *USUAL)
     assert logged(found, "train/length_x") == logged(usual, "train/length_x")
     localizer = Localizer.load(found.path / "map")
     kernel = localizer.model.kernel
     assert kernel.length[0] == pytest.approx(logged(usual, "train/length_x")[-1] / 2)
+    assert kernel.heading_length == pytest.approx(logged(usual, "train/heading_length_rad")[-1] * 1.5)
     assert kernel.noise_variance <= 0.001 * kernel.signal_variance
     learnt = kernel.sharpened(2.0, 1.0)  # how far an image stands for poses beside it, it was learnt to
     assert localizer.filter.support.reach == pytest.approx(MapSupport.of(localizer.filter.prior.poses, learnt).reach)

@@ -101,7 +101,7 @@ class Localization(pl.LightningModule):
         observation: Callable[[], ObservationModel],
         calibration: Calibration,
         *,
-        sharper: tuple[float, float] | None = None,
+        sharper: tuple[float, float, float] | None = None,
         objective: Literal["joint", "vecchia"] = "joint",
         neighbours: int = 20,
         optimizer: OptimizerFactory | None = None,

@@ -193,10 +193,12 @@ class Sharper(Node):
     Attributes:
         length: what its lengths in x and y are multiplied by.
         noise: its noise variance at most, as a share of the signal's.
+        heading: what its length in the heading is multiplied by.
     """
 
     length: Annotated[float, Field(gt=0, le=1)] = Field(examples=[0.5])
     noise: NonNegative = Field(examples=[0.001])
+    heading: Annotated[float, Field(gt=0, le=10)] = Field(default=1.0, examples=[1.6])
 
 
 class PoseKernel(Node):
