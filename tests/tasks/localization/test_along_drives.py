@@ -105,6 +105,6 @@ def test_what_a_run_finds_is_a_share_of_what_single_images_ask_for(tmp_path_fact
     assert halvings == pytest.approx(round(halvings), abs=1e-6)
     regions = [np.mean([value for key, value in each.items() if "coverage_95" in key]) for each in found.values()]
     assert regions[1] >= regions[0]
-    tried = [steps for what, unit, steps in hears.shown if what.startswith("tempering of")]
+    tried = [steps for what, unit, steps in hears.shown if what.startswith("trying ")]
     assert len(tried) > halvings
     assert {steps[-1] for steps in tried} == {(1, 1)}

@@ -203,7 +203,7 @@ class Localization(pl.LightningModule):
 
             def scores(share: float) -> Float64[ndarray, " b"]:
                 self.fitted[0] = share * of_one
-                with wanted.show(f"tempering of {share:g} of one image's,", "validation drives") as advance:
+                with wanted.show(f"trying {share:g} of one image's tempering,", "validation drives") as advance:
                     return nll_along(data.drives, settings, make, self.kernel.frozen(), advance)
 
             self.fitted[0] = best_share(scores) * of_one
