@@ -16,6 +16,7 @@ Source: all observations at the m nearest images' neighbourhoods weigh as expert
 product of experts for automatic and principled fusion of Gaussian process predictions", 2014.
 """
 
+from copy import copy
 from pathlib import Path
 from typing import Literal, Self
 
@@ -212,6 +213,12 @@ class CachedEvidence(Evidence):
             self._tile, self.unread = model.tile, np.ones(-(-images // model.tile), dtype=bool)
         self.offsets = centred.double() @ model.map.mean.double()
         self.norms = centred.double().square().sum(dim=1)
+
+    def under(self, model: CachedLocalGP) -> "CachedEvidence":
+        """The same observations under another kernel; what they were compared with, the images of one map, is shared."""
+        other = copy(self)
+        other.model = model
+        return other
 
     def _read(self, wanted: Bool[ndarray, " tiles"]) -> None:
         """Compare the observations with the images of some tiles."""

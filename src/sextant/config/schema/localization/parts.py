@@ -116,6 +116,15 @@ class CachedLocalGP(Observation):
     map_evidence: Literal["image", "mean"]
 
 
+class KernelMixture(Observation):
+    """The same under several lengths of the heading, any of which may be right."""
+
+    target: Literal["sextant.localization.observation.KernelMixture"] = Field(alias="_target_")
+    neighbours: Count = Field(examples=[16])
+    map_evidence: Literal["image", "mean"]
+    headings: Annotated[list[Positive], Field(min_length=1)] = Field(examples=["[1.0,2.5]"])
+
+
 class SGPR(Observation):
     """Sparse Gaussian process, inducing poses, closed form."""
 

@@ -1,0 +1,122 @@
+r"""The local process under several kernels, any of which may be right.
+
+A map whose images look into few directions does not show how alike the views between them are: of headings 45 degrees
+apart a kernel learns next to nothing about those in the middle, and takes them for unknown or for known too well. So
+the heading's length is not one but m, the learnt one times :math:`c_1, \dots, c_m`, each as likely as another, and the
+likelihood of an image is the mean over them:
+
+.. math:: l(z \mid x) = \log \tfrac1m \sum_{j=1}^m e^{l_j(z \mid x)}.
+
+At the poses of the map's own images the kernels agree, and the first speaks for all.
+
+Source: a sum over hyper-parameters in place of the likeliest ones: C. E. Rasmussen, C. K. I. Williams, "Gaussian
+Processes for Machine Learning", 2006, section 5.2.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float32, Float64
+from torch import Tensor
+
+from sextant.errors import ArgumentError
+from sextant.localization.likelihood import Likelihood
+from sextant.localization.observation.cached_local_gp import CachedEvidence, CachedLocalGP, MapEvidence
+from sextant.localization.observation.evidence import Evidence
+from sextant.localization.observation.model import ObservationModel
+from sextant.localization.observation.prediction import Prediction, Residuals
+from sextant.localization.pose_kernel import PoseKernel
+
+
+class KernelMixture(ObservationModel):
+    """:class:`CachedLocalGP` with the mean likelihood over several lengths of the heading.
+
+    Memory besides the map is m times that of one. An observation is compared with the map's images once for all.
+
+    Args:
+        neighbours: k, of each.
+        map_evidence: see :class:`CachedLocalGP`.
+        headings: c, what the kernel's length in the heading is multiplied by.
+
+    Raises:
+        UserError: there is no heading, or one that is not above 0.
+
+    Example:
+        >>> from sextant.localization.descriptor_map import DescriptorMap
+        >>> from sextant.localization.pose_kernel import PoseKernel
+        >>> poses = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.0, 0.8]], dtype=torch.float64)  # two views, 45 degrees apart
+        >>> places, kernel = DescriptorMap.of(poses, torch.eye(2)), PoseKernel("rbf", (3.0, 3.0), 0.2, 1.0, 0.01)
+        >>> between = torch.tensor([[[0.0, 0.0, 0.4]]], dtype=torch.float64)
+        >>> for headings in ([1.0], [1.0, 4.0]):  # a view between them is better explained by the longer length
+        ...     model = KernelMixture(neighbours=2, headings=headings).fit(places, kernel)
+        ...     told = model.observe(torch.tensor([[0.5, 0.5]]), Likelihood()).log_likelihood(between)
+        ...     print(f"{float(told):.1f}")
+        -1.8
+        0.5
+    """
+
+    def __init__(
+        self, neighbours: int = 16, map_evidence: MapEvidence = "mean", headings: Sequence[float] = (1.0, 2.5)
+    ):
+        if not headings or not all(c > 0 and math.isfinite(c) for c in headings):
+            raise ArgumentError(
+                f"headings={list(headings)!r} must be factors above 0, at least one", "For example headings=[1.0,2.5]"
+            )
+        self.neighbours, self.map_evidence, self.headings = neighbours, map_evidence, [float(c) for c in headings]
+
+    def _fit(self) -> None:
+        self.parts = [part.fit(self.map, kernel) for part, kernel in self._unfitted()]
+
+    def _unfitted(self) -> list[tuple[CachedLocalGP, PoseKernel]]:
+        of = self.kernel
+        return [
+            (CachedLocalGP(self.neighbours, 1, self.map_evidence), replace(of, heading_length=c * of.heading_length))
+            for c in self.headings
+        ]
+
+    def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
+        """The Gaussian of the mixture's mean and of its variance, averaged over the dimensions."""
+        of_parts = [part.predict(poses) for part in self.parts]
+        means = torch.stack([one.mean for one in of_parts])
+        mean, within = means.mean(0), torch.stack([one.variance for one in of_parts]).mean(0)
+        return Prediction(mean, within + (means - mean).square().mean((0, 2)))
+
+    def residuals_over_map(self, descriptors: Float32[Tensor, "r d"]) -> Residuals:
+        """See :class:`ObservationModel`; those of the first kernel."""
+        return self.parts[0].residuals_over_map(descriptors)
+
+    def observe(self, descriptors: Float32[Tensor, "r d"], likelihood: Likelihood) -> "MixtureEvidence":
+        """See :class:`ObservationModel`."""
+        first = self.parts[0].observe(descriptors, likelihood)
+        return MixtureEvidence([first, *(first.under(part) for part in self.parts[1:])])
+
+    def state(self) -> dict[str, Tensor]:
+        """See :class:`ObservationModel`."""
+        return {f"{name}_{j}": held for j, part in enumerate(self.parts) for name, held in part.state().items()}
+
+    def _load(self, state: dict[str, Tensor]) -> None:
+        self.parts = [
+            part.load_state(self.map, kernel, _of_part(state, f"_{j}"))
+            for j, (part, kernel) in enumerate(self._unfitted())
+        ]
+
+
+def _of_part(state: dict[str, Tensor], ending: str) -> dict[str, Tensor]:
+    return {name.removesuffix(ending): held for name, held in state.items() if name.endswith(ending)}
+
+
+class MixtureEvidence(Evidence):
+    """The mean likelihood of one observation under several models."""
+
+    def __init__(self, parts: Sequence[CachedEvidence]):
+        self.parts = parts
+
+    def log_likelihood(self, poses: Float64[Tensor, "r p 3"]) -> Float64[Tensor, "r p"]:
+        """See :class:`Evidence`."""
+        return torch.stack([part.log_likelihood(poses) for part in self.parts]).logsumexp(0) - math.log(len(self.parts))
+
+    def over_map(self) -> Float64[Tensor, "r n"]:
+        """See :class:`Evidence`; that of the first model."""
+        return self.parts[0].over_map()
