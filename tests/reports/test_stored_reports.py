@@ -32,6 +32,7 @@ SWEEPS = {
     "mnist": "cosfire_mnist",
     "mnist_full": "cosfire_mnist_full",
     "nordland": "localization_nordland",
+    "places": "cosfire_places",
     "weather": "place_weather",
 }
 
