@@ -58,11 +58,11 @@ class KernelMixture(ObservationModel):
     """
 
     def __init__(
-        self, neighbours: int = 16, map_evidence: MapEvidence = "mean", headings: Sequence[float] = (1.0, 2.5)
+        self, neighbours: int = 16, map_evidence: MapEvidence = "mean", headings: Sequence[float] = (1.0, 4.0)
     ):
         if not headings or not all(c > 0 and math.isfinite(c) for c in headings):
             raise ArgumentError(
-                f"headings={list(headings)!r} must be factors above 0, at least one", "For example headings=[1.0,2.5]"
+                f"headings={list(headings)!r} must be factors above 0, at least one", "For example headings=[1.0,4.0]"
             )
         self.neighbours, self.map_evidence, self.headings = neighbours, map_evidence, [float(c) for c in headings]
 

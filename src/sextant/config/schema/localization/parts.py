@@ -122,7 +122,7 @@ class KernelMixture(Observation):
     target: Literal["sextant.localization.observation.KernelMixture"] = Field(alias="_target_")
     neighbours: Count = Field(examples=[16])
     map_evidence: Literal["image", "mean"]
-    headings: Annotated[list[Positive], Field(min_length=1)] = Field(examples=["[1.0,2.5]"])
+    headings: Annotated[list[Positive], Field(min_length=1)] = Field(examples=["[1.0,4.0]"])
 
 
 class SGPR(Observation):
