@@ -20,7 +20,7 @@ class TestKernelMixturePassesTheBattery(ObservationModelBattery):
     map_is_exact = False
 
     def model(self):
-        return KernelMixture(neighbours=16)
+        return KernelMixture(neighbours=16, headings=[1.0, 2.5])  # in this room headings are many
 
 
 def asked(dimension=12):
