@@ -40,7 +40,7 @@ def test_the_likelihood_is_the_mean_of_those_under_each_length(likelihood):
     ]
     mean = torch.stack([each.log_likelihood(poses) for each in alone]).logsumexp(0) - math.log(3)
     torch.testing.assert_close(mixed.log_likelihood(poses), mean)
-    assert mixed.over_map().equal(alone[0].over_map())  # as the images of the map are, under any length
+    assert mixed.over_map().equal(alone[0].over_map())  # that of the first length
 
 
 def test_one_length_is_the_local_process():

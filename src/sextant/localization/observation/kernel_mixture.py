@@ -1,13 +1,14 @@
 r"""The local process under several kernels, any of which may be right.
 
 A map whose images look into few directions does not show how alike the views between them are: of headings 45 degrees
-apart a kernel learns next to nothing about those in the middle, and takes them for unknown or for known too well. So
-the heading's length is not one but m, the learnt one times :math:`c_1, \dots, c_m`, each as likely as another, and the
+apart a kernel learns next to nothing about those in the middle, and is too unsure of them, or too sure. So the
+heading's length is not one but m, the learnt one times :math:`c_1, \dots, c_m`, each as likely as another, and the
 likelihood of an image is the mean over them:
 
 .. math:: l(z \mid x) = \log \tfrac1m \sum_{j=1}^m e^{l_j(z \mid x)}.
 
-At the poses of the map's own images the kernels agree, and the first speaks for all.
+At the poses of the map's own images the kernels nearly agree, and the first speaks for all: there the mixture is at least
+that less log m.
 
 Source: a sum over hyper-parameters in place of the likeliest ones: C. E. Rasmussen, C. K. I. Williams, "Gaussian
 Processes for Machine Learning", 2006, section 5.2.
@@ -33,7 +34,8 @@ from sextant.localization.pose_kernel import PoseKernel
 class KernelMixture(ObservationModel):
     """:class:`CachedLocalGP` with the mean likelihood over several lengths of the heading.
 
-    Memory besides the map is m times that of one. An observation is compared with the map's images once for all.
+    Memory besides the map is m times that of one. An observation is compared with the map's images once for all. What is
+    predicted at a pose, and so what appearance noise is fitted to, is a Gaussian with the mixture's mean and variance.
 
     Args:
         neighbours: k, of each.
@@ -42,6 +44,7 @@ class KernelMixture(ObservationModel):
 
     Raises:
         UserError: there is no heading, or one that is not above 0.
+        ValueError: ``map_evidence`` is none.
 
     Example:
         >>> from sextant.localization.descriptor_map import DescriptorMap
@@ -64,6 +67,7 @@ class KernelMixture(ObservationModel):
             raise ArgumentError(
                 f"headings={list(headings)!r} must be factors above 0, at least one", "For example headings=[1.0,4.0]"
             )
+        CachedLocalGP(neighbours, 1, map_evidence)  # refuses what it cannot be
         self.neighbours, self.map_evidence, self.headings = neighbours, map_evidence, [float(c) for c in headings]
 
     def _fit(self) -> None:
