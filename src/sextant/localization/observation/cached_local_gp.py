@@ -215,7 +215,7 @@ class CachedEvidence(Evidence):
         self.norms = centred.double().square().sum(dim=1)
 
     def under(self, model: CachedLocalGP) -> "CachedEvidence":
-        """The same observations under another kernel; what they were compared with, the images of one map, is shared."""
+        """The same observations under another kernel; how they compare with the images of the map is shared."""
         other = copy(self)
         other.model = model
         return other

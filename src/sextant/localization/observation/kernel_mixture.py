@@ -7,8 +7,8 @@ likelihood of an image is the mean over them:
 
 .. math:: l(z \mid x) = \log \tfrac1m \sum_{j=1}^m e^{l_j(z \mid x)}.
 
-At the poses of the map's own images the kernels nearly agree, and the first speaks for all: there the mixture is at least
-that less log m.
+At the poses of the map's own images the kernels nearly agree, and the first speaks for all: there the mixture is at
+least that less log m.
 
 Source: a sum over hyper-parameters in place of the likeliest ones: C. E. Rasmussen, C. K. I. Williams, "Gaussian
 Processes for Machine Learning", 2006, section 5.2.
@@ -34,8 +34,9 @@ from sextant.localization.pose_kernel import PoseKernel
 class KernelMixture(ObservationModel):
     """:class:`CachedLocalGP` with the mean likelihood over several lengths of the heading.
 
-    Memory besides the map is m times that of one. An observation is compared with the map's images once for all. What is
-    predicted at a pose, and so what appearance noise is fitted to, is a Gaussian with the mixture's mean and variance.
+    Memory besides the map is m times that of one. An observation is compared with the map's images once for all. What
+    is predicted at a pose, and so what appearance noise is fitted to, is a Gaussian with the mixture's mean and
+    variance.
 
     Args:
         neighbours: k, of each.
