@@ -41,6 +41,8 @@ def test_the_likelihood_is_the_mean_of_those_under_each_length(likelihood):
     mean = torch.stack([each.log_likelihood(poses) for each in alone]).logsumexp(0) - math.log(3)
     torch.testing.assert_close(mixed.log_likelihood(poses), mean)
     assert mixed.over_map().equal(alone[0].over_map())  # that of the first length
+    at_images = mixed.log_likelihood(known.poses.expand(2, -1, -1))
+    assert (at_images > mixed.over_map() - math.log(3) - 0.05).all()  # but for rounding
 
 
 def test_one_length_is_the_local_process():

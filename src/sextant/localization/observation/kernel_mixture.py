@@ -68,18 +68,15 @@ class KernelMixture(ObservationModel):
             raise ArgumentError(
                 f"headings={list(headings)!r} must be factors above 0, at least one", "For example headings=[1.0,4.0]"
             )
-        CachedLocalGP(neighbours, 1, map_evidence)  # refuses what it cannot be
         self.neighbours, self.map_evidence, self.headings = neighbours, map_evidence, [float(c) for c in headings]
+        self.parts = [CachedLocalGP(neighbours, map_evidence=map_evidence) for _ in headings]
 
     def _fit(self) -> None:
-        self.parts = [part.fit(self.map, kernel) for part, kernel in self._unfitted()]
+        for part, kernel in zip(self.parts, self._kernels(), strict=True):
+            part.fit(self.map, kernel)
 
-    def _unfitted(self) -> list[tuple[CachedLocalGP, PoseKernel]]:
-        of = self.kernel
-        return [
-            (CachedLocalGP(self.neighbours, 1, self.map_evidence), replace(of, heading_length=c * of.heading_length))
-            for c in self.headings
-        ]
+    def _kernels(self) -> list[PoseKernel]:
+        return [replace(self.kernel, heading_length=c * self.kernel.heading_length) for c in self.headings]
 
     def predict(self, poses: Float64[Tensor, "n 3"]) -> Prediction:
         """The Gaussian of the mixture's mean and of its variance, averaged over the dimensions."""
@@ -102,14 +99,9 @@ class KernelMixture(ObservationModel):
         return {f"{name}_{j}": held for j, part in enumerate(self.parts) for name, held in part.state().items()}
 
     def _load(self, state: dict[str, Tensor]) -> None:
-        self.parts = [
-            part.load_state(self.map, kernel, _of_part(state, f"_{j}"))
-            for j, (part, kernel) in enumerate(self._unfitted())
-        ]
-
-
-def _of_part(state: dict[str, Tensor], ending: str) -> dict[str, Tensor]:
-    return {name.removesuffix(ending): held for name, held in state.items() if name.endswith(ending)}
+        for j, (part, kernel) in enumerate(zip(self.parts, self._kernels(), strict=True)):
+            of_part = {name.removesuffix(f"_{j}"): held for name, held in state.items() if name.endswith(f"_{j}")}
+            part.load_state(self.map, kernel, of_part)
 
 
 class MixtureEvidence(Evidence):
