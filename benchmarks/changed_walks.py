@@ -149,7 +149,8 @@ def drive(
 ) -> ndarray:
     """The columns, for one seed; ``seen`` are descriptors.
 
-    Odometry reports ``scale`` of the way; None for none at all. In the last so many steps the robot ``stands``.
+    Odometry reports ``scale`` of the way, nothing but zeros where it is 0; None for none at all. In the last so many
+    steps the robot ``stands``.
     """
     localizer.reset(seed)
     rng, rows = np.random.default_rng(seed), []
@@ -158,6 +159,7 @@ def drive(
         ahead, aside, turn = rng.standard_normal(3) * (0.1, 0.02, 0.005)
         moved = at[number] - at[number - 1] if 20 + step <= last else 0.0
         motion = None if scale is None else (moved * (scale + ahead), moved * aside, moved * turn)
+        motion = (0.0, 0.0, 0.0) if scale == 0 else motion
         told = localizer.step(motion, descriptor=seen[number])
         away = told.pose[:2] - (at[number], 0)
         inside = away @ np.linalg.solve(told.covariance[:2, :2] + 1e-12 * np.eye(2), away) < CHI2_95

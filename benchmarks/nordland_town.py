@@ -1,6 +1,6 @@
-"""Two drives through a procedural town that are about as hard to match as Nordland's summer and winter.
+"""Two drives through a procedural town, made to be as hard to match as Nordland's summer and winter.
 
-What moves which statistic is told in ``docs/worlds.md``.
+How near they come is told in ``docs/worlds.md``.
 """
 
 from collections.abc import Callable

@@ -92,6 +92,13 @@ def test_a_chapters_page_says_the_verdict_of_the_board(claim):
     assert f'<a name="{claim.name}"></a>' in (DOCS / "claims.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.relative_to(DOCS).as_posix())
+def test_no_page_says_another_verdict_than_the_board(page):
+    verdicts = {claim.name: claim.verdict for claim in decided()}
+    for said, name in re.findall(r"\[([^\]]*)\]\([./]*claims\.md#(\w+)\)", page.read_text(encoding="utf-8")):
+        assert said == verdicts[name], f"{page.name} says of {name}: {said}"
+
+
 @pytest.mark.parametrize("row", OF_PAGES, ids=itemgetter("name"))
 def test_what_is_recorded_stands_where_it_says(row):
     page, _, _ = row["source"].partition(": ")

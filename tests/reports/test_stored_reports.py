@@ -26,6 +26,7 @@ SWEEPS = {
     "cifar": "pushpull_cifar",
     "cifar_60": "pushpull_cifar",
     "gp_approximation_support": "gp_approximation",
+    "gp_approximation_fresh": "gp_approximation_fresh",
     "lenet_fresh": "pushpull_lenet_fresh",
     "loss": "place_loss",
     "mining": "place_mining",

@@ -12,7 +12,7 @@ the belief is on the map, says whether the filter knows where it is. Where odome
 
 It is the innovation test of Kalman filters (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to
 Tracking and Navigation", 2001, section 5.4) in ranks, which need no likelihood that is right in absolute terms.
-Constants were chosen on Gardens Point and the railway of Nordland (docs/localization.md, "When it is lost").
+Constants were chosen on Gardens Point and the railway of Nordland (docs/localization_change.md, "When it is lost").
 """
 
 import math

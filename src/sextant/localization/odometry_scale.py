@@ -12,8 +12,8 @@ before, and Δ the spacing of the map: an integral controller, which rests where
 A. Martinelli, N. Tomatis, R. Siegwart, "Simultaneous localization and odometry self calibration for mobile robot",
 Autonomous Robots 22, 2007, estimate such errors as part of the state instead; particles would need a dimension more.
 
-The gain was chosen on Gardens Point by night and the railway of Nordland from 300 on (docs/localization.md, "In a
-changed world, out of the box").
+The gain was chosen on Gardens Point by night and the railway of Nordland from 300 on (docs/localization_change.md,
+"When odometry is wrong").
 """
 
 from dataclasses import dataclass

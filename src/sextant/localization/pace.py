@@ -7,7 +7,8 @@ like one that passes one, and a pace outlasts images that tell little. Ways of a
 there is no pace as long as their interquartile range exceeds four spacings of the map and the pace itself. It is the
 model of constant velocity, with a velocity per step that is estimated from displacements.
 
-Chosen on walks of Gardens Point, the railway of Nordland, a tower and towns: docs/localization.md, "Without odometry".
+Chosen on walks of Gardens Point, the railway of Nordland, a tower and towns: docs/localization_change.md, "Without
+odometry".
 """
 
 import math

@@ -21,7 +21,7 @@ from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import BayesRestart, Recovery
 from sextant.localization.resampling import SystematicResampling
 
-#: past images that a restart is weighed by as well (what it is worth: docs/localization.md, "In a changed world")
+#: past images that a restart is weighed by as well (what it is worth: docs/localization_change.md)
 WINDOW = 10
 PACKAGES: dict[str, ModuleType] = {"motion": motion, "recovery": recovery, "resampling": resampling}
 

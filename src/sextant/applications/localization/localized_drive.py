@@ -111,6 +111,11 @@ def _doubts(localizer: Localizer, rows: list[Row]) -> Iterator[str]:
     if abs(math.log(scale := localizer.odometry_scale)) > math.log(MISTAKEN):
         told = "short" if scale > 1 else "long"
         yield f"odometry tells of too {told} a way: in the end it was taken {scale:.2f} times"
+    if disbelieved := sum(row.told.disbelieved for row in rows):
+        yield (
+            f"at {disbelieved:,} images odometry said that the camera stood while its images said that it moved: "
+            "there it was not believed"
+        )
     if unforeseen := sum(row.told.foreseen < LEAST for row in rows):
         yield (
             f"at {unforeseen:,} images the last ones had looked hardly more like where the robot was thought to be "

@@ -58,6 +58,7 @@ from sextant.localization.particle_filter import FilterState, ParticleFilter, wa
 from sextant.localization.pose_kernel import PoseKernel
 from sextant.localization.recovery import Recovery
 from sextant.localization.smoothing import smoothed
+from sextant.localization.standstill import Standstill
 from sextant.reporter import Advance
 from sextant.runs.outputs_folder import default_outputs
 
@@ -65,7 +66,7 @@ from sextant.runs.outputs_folder import default_outputs
 TEMPERING = 0.125
 #: a kernel that one traverse taught explains as noise what tells its places apart in another, and smooths over it: its
 #: lengths are taken so many times, and so much of the signal's variance is noise
-#: (which walks call for it: docs/localization.md, "In a changed world")
+#: (which walks call for it: docs/localization_change.md)
 SHARPER, LEFT_NOISE = 0.5, 1e-3
 #: an image less new than that is the last one again: it tells nothing
 SAME = 0.25
@@ -103,6 +104,8 @@ class LocalizedPose:
         foreseen: the share of the map that the images of late, some twenty, looked less like, on average, than where
             the robot was believed to be before each: 1/2 is chance, less than 0.65 is lost; nan before the fifth. See
             :mod:`~sextant.localization.foresight`.
+        disbelieved: the motion was taken to be unknown, since odometry says that the robot stands and its images say
+            that it moves. See :mod:`~sextant.localization.standstill`.
     """
 
     pose: Float64[ndarray, "3"]
@@ -113,6 +116,7 @@ class LocalizedPose:
     degenerate: bool = False
     off_map: float = 0.0
     foreseen: float = math.nan
+    disbelieved: bool = False
 
     @property
     def sigmas(self) -> Float64[ndarray, "3"]:
@@ -135,7 +139,8 @@ class Localizer:
         adapts: learn while driving how the look of the world has changed since the map was made,
             :class:`~sextant.localization.appearance_change.AppearanceChange`, by how much odometry errs alike,
             :class:`~sextant.localization.odometry_scale.OdometryScale`, and how fast the robot is where there is none,
-            :class:`~sextant.localization.pace.Pace`, and count images by how new they are; for a
+            :class:`~sextant.localization.pace.Pace`, or where it says that a moving robot stands,
+            :class:`~sextant.localization.standstill.Standstill`, and count images by how new they are; for a
             likelihood that was not fitted to another drive.
         odds: with ``adapts``, the scale of one image's evidence, as for
             :class:`~sextant.localization.evidence_scale.EvidenceScale`; None takes the likelihood's as it is.
@@ -199,6 +204,7 @@ class Localizer:
         self._scale = None if self.odds is None else EvidenceScale(self.odds)
         self._foresight = Foresight()
         self._odometry = OdometryScale()
+        self._standstill = Standstill()
         self._pace = Pace()
         self._before: LocalizedPose | None = None
         self._sighted: LocalizedPose | None = None  # with the last image, and the steps since
@@ -225,7 +231,7 @@ class Localizer:
                 has no descriptor that images could be described with.
         """
         seen = self._seen(image, descriptor)
-        moved = self._odometry.applied(_motion(motion))
+        moved, disbelieved = self._believed(self._odometry.applied(_motion(motion)), seen)
         if self._state is not None and not bool(self.filter.counts(self._state, moved[None])):
             seen = None  # too near to the last one
         self._way += self._steps_of_map(moved)
@@ -246,6 +252,7 @@ class Localizer:
         self._state = state
         self._past = [*self._past[-self.lag :], (state.belief, moved, moves, self._foresight)] if self.lag else []
         found = self._told(state.belief, self._foresight, degenerate=bool(told.degenerate[0]))
+        found = replace(found, disbelieved=disbelieved)
         if self.adapts and self._before is not None and min(self._before.mass, found.mass) >= MODE_MASS:
             before, after = torch.from_numpy(self._before.pose), torch.from_numpy(found.pose)
             self._odometry = self._odometry.seen(moved, before, after, self._spacing)
@@ -254,6 +261,17 @@ class Localizer:
             self._pace = self._pace_with(found)
             self._sighted, self._steps = found, 0
         return found
+
+    def _believed(self, moved: Tensor, seen: Tensor | None) -> tuple[Tensor, bool]:
+        """A motion, unknown where odometry says that a robot stands whose images say that it moves; and whether so."""
+        if not self.adapts:
+            return moved, False
+        self._standstill = self._standstill.moved(moved, self._spacing)
+        if seen is not None:
+            self._standstill = self._standstill.seen(seen)
+        if not self._standstill.contradicted(self._anywhere):
+            return moved, False
+        return torch.full_like(moved, torch.nan), True
 
     def _pace_with(self, found: LocalizedPose) -> Pace:
         """The pace, with the way since the last image: between images a belief moves as it is expected to."""
@@ -399,6 +417,14 @@ class Localizer:
         rows = np.unique(np.linspace(0, len(features) - 1, min(FITTED_TO, len(features))).astype(np.int64))
         beside = cKDTree(features).query(features[rows], k=min(2, len(features)))[1].reshape(len(rows), -1)[:, -1]
         apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(beside)]
+        return float(apart.double().square().sum(1).median())
+
+    @cached_property
+    def _anywhere(self) -> float:
+        """The squared distance between the descriptors of any two images of the map, the median."""
+        descriptors = self.model.map.descriptors
+        rows = np.unique(np.linspace(0, len(descriptors) - 1, min(FITTED_TO, len(descriptors))).astype(np.int64))
+        apart = descriptors[torch.from_numpy(rows)] - descriptors[torch.from_numpy(np.roll(rows, len(rows) // 2))]
         return float(apart.double().square().sum(1).median())
 
     def _steps_of_map(self, moved: Tensor) -> float:

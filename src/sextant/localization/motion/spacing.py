@@ -7,7 +7,7 @@ def motion_of_spacing(spacing: float, line: bool = False) -> ExponentialMotion:
     """Odometry that errs by three tenths over the spacing of a map, and by two such steps where it is missing.
 
     Wheels err by a tenth or less, but alike in each step. What the noise does not allow for, images have to pull back
-    step by step, and the filter falls behind without knowing it (docs/localization.md, "In a changed world").
+    step by step, and the filter falls behind without knowing it (docs/localization_change.md).
 
     Args:
         spacing: of the map's images, in the unit of positions, above 0:
