@@ -27,6 +27,7 @@ SWEEPS = {
     "cifar_60": "pushpull_cifar",
     "gp_approximation_support": "gp_approximation",
     "gp_approximation_fresh": "gp_approximation_fresh",
+    "lenet_19": "pushpull_lenet_19",
     "lenet_fresh": "pushpull_lenet_fresh",
     "loss": "place_loss",
     "mining": "place_mining",

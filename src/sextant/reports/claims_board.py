@@ -13,22 +13,22 @@ SAYS: Mapping[Expectation, str] = {"better": "more than", "as_good": "not worse 
 #: a difference of shares cannot be larger
 LARGEST = 100.0
 HOW_TO_READ = """\
-An effect is positive where it favours the claim, and stands with its 95 % interval over seeds. A claim of a
-difference *holds* if the interval lies beyond the smallest effect that matters (and beyond what the choice of seeds
-alone made, where that was measured), and *fails* if it excludes an effect that matters: then there is none, or the
-opposite is true. A claim that nothing is lost holds if the interval excludes a loss that matters. Everything else is
-*undecided*, as is all that rests on fewer than {least} seeds; beside it stands how many further seeds would decide it
-four times in five, if mean and spread stay as they are. A claim of several parts holds if all of them hold; that one
-fails is tested with Bonferroni's correction for their number. What stands *beside* a claim is shown and does not
-count. The smallest effects that matter were written down after the stored runs and before any others, and are the
-same for claims in the same unit where these measure the same.
+Effects are signed so that a positive one supports the claim, and come with their 95 % interval over seeds. A claim of
+a difference *holds* if the interval lies beyond the smallest effect that matters (and, where it was measured, beyond
+what a change of seeds alone makes). It *fails* if the interval rules out an effect that matters: then there is none,
+or the opposite is true. A claim that nothing is lost holds if the interval rules out a loss that matters. Everything
+else is *undecided*, and so is every claim that rests on fewer than {least} seeds. Beside an undecided claim stands how
+many more seeds would decide it four times in five, if mean and spread stay as they are. A claim of several parts
+holds if all of them hold; whether one fails is tested with Bonferroni's correction for their number. Comparisons
+marked *beside* are shown for context and do not count. The smallest effects that matter were written down after the
+stored runs and before any others. Claims in the same unit share them where they measure the same thing.
 
-Stored are the tables of the sweeps' reports, with mean, spread and number of the pairs; those of `recorded.csv` are
-figures of the chapters' pages and reports, of which no pairs were kept. *Cut short* is what the shorter runs of
-`preset=quick` say; all of their values are stored, seed by seed, in `claims/quick`.
+The repository stores the tables of each sweep's report, with the mean, spread and number of the pairs. Those of
+`recorded.csv` are figures from the chapters' pages and reports, without their pairs. *Cut short* is the verdict of the
+shorter runs of `preset=quick`, whose values are stored seed by seed in `claims/quick`.
 
-**Multiplicity.** {estimated} of the {claims} claims are estimates; the others are counted. Were every one of their
-effects exactly at its border, {chance:.1f} at most would be expected to be called one way or the other by chance;
+**Multiplicity.** {estimated} of the {claims} claims are estimates; the others are counted. If each of their effects
+were exactly at its border, at most {chance:.1f} would be expected to be called one way or the other by chance;
 {decided} are.
 """
 
